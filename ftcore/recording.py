@@ -1,0 +1,182 @@
+"""Recording: named signals against time, bounded if asked, never silently thinned.
+
+Rows are SI. A bounded recording that is full keeps every second row of its older half; :attr:`Recording.resolution`
+says until when it is how coarse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore.description import Signal
+
+Array = NDArray[np.float64]
+
+
+class Recording:
+    """Growing table ``(epochs, runs, signals)`` with a time column."""
+
+    def __init__(self, signals: Sequence[Signal], runs: int, period: float, max_epochs: int | None = None) -> None:
+        if max_epochs is not None and max_epochs < 16:
+            raise ValueError(f"a recording of {max_epochs} epochs is too short; 16 is the least")
+        self.signals: Mapping[str, Signal] = {signal.name: signal for signal in signals}
+        self.column = {name: i for i, name in enumerate(self.signals)}
+        self.period = period
+        self.max_epochs = max_epochs
+        self._length = 0
+        self._time = np.empty(64)
+        self._rows = np.empty((64, runs, len(self.column)))
+
+    def append(self, time: float, row: Array) -> None:
+        """Add one epoch: ``row`` is ``(runs, signals)``."""
+        if self.max_epochs is not None and self._length >= self.max_epochs:
+            self._thin()
+        if self._length == len(self._time):
+            self._time = np.concatenate([self._time, np.empty_like(self._time)])
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        self._time[self._length] = time
+        self._rows[self._length] = row
+        self._length += 1
+
+    def _thin(self) -> None:
+        half = self._length // 2
+        kept = np.r_[np.arange(0, half, 2), np.arange(half, self._length)]
+        self._time[: len(kept)] = self._time[kept]
+        self._rows[: len(kept)] = self._rows[kept]
+        self._length = len(kept)
+
+    def truncate(self, time: float) -> None:
+        """Forget everything after ``time``."""
+        self._length = int(np.searchsorted(self.time, time + 0.5 * self.period))
+
+    def copy_until(self, time: float) -> Recording:
+        """An independent recording of everything up to ``time``."""
+        twin = Recording(list(self.signals.values()), self._rows.shape[1], self.period, self.max_epochs)
+        n = int(np.searchsorted(self.time, time + 0.5 * self.period))
+        room = max(64, n)
+        twin._time, twin._rows = np.empty(room), np.empty((room, *self._rows.shape[1:]))
+        twin._time[:n], twin._rows[:n], twin._length = self._time[:n], self._rows[:n], n
+        return twin
+
+    @property
+    def time(self) -> Array:
+        """Times of the recorded epochs ``(epochs,)``."""
+        return self._time[: self._length]
+
+    def __getitem__(self, name: str) -> Array:
+        """One signal ``(epochs, runs)``. Raises KeyError, naming near misses, for an unknown one."""
+        if name not in self.column:
+            near = [n for n in self.column if n.split(".")[0] == name.split(".")[0]] or list(self.column)
+            raise KeyError(f"no signal {name!r}; for instance {', '.join(near[:6])}")
+        return self._rows[: self._length, :, self.column[name]].copy()
+
+    @property
+    def rows(self) -> Array:
+        """All signals ``(epochs, runs, signals)``, read only."""
+        view = self._rows[: self._length]
+        view.flags.writeable = False
+        return view
+
+    def __len__(self) -> int:
+        """Recorded epochs."""
+        return self._length
+
+    def latest(self) -> dict[str, float]:
+        """Last value of every signal of run 0; empty before the first epoch."""
+        if not self._length:
+            return {}
+        return dict(zip(self.column, self._rows[self._length - 1, 0].tolist(), strict=True))
+
+    @property
+    def resolution(self) -> list[dict[str, float]]:
+        """Where older history is coarser than the epoch: ``[{"until": s, "every": s}, ...]``; empty if nowhere."""
+        time = self.time
+        if len(time) < 2:
+            return []
+        step = np.round(np.diff(time) / self.period).astype(int)
+        change = np.flatnonzero(np.diff(step)) + 1
+        coarse = []
+        for start, stop in zip(np.r_[0, change], np.r_[change, len(step)], strict=True):
+            if step[start] > 1:
+                coarse.append({"until": float(time[stop]), "every": float(step[start] * self.period)})
+        return coarse
+
+    def columns(
+        self,
+        names: Sequence[str],
+        start: float | None = None,
+        end: float | None = None,
+        points: int | None = None,
+        run: int = 0,
+    ) -> tuple[Array, dict[str, Array]]:
+        """Columns of one run between two times.
+
+        With ``points`` every signal keeps its extremes: time is cut into ``points / 2`` buckets, and the rows where any
+        signal has its least or greatest value of the bucket survive (shared time axis, so possibly more rows than asked).
+        """
+        time = self.time
+        lo = 0 if start is None else int(np.searchsorted(time, start - 1e-9))
+        hi = len(time) if end is None else int(np.searchsorted(time, end + 1e-9))
+        picked = [self.column[name] if name in self.column else self._unknown(name) for name in names]
+        data = self._rows[lo:hi, run][:, picked]
+        time = time[lo:hi].copy()
+        if points is not None and len(time) > points:
+            keep = decimate(data, points)
+            time, data = time[keep], data[keep]
+        return time, {name: data[:, i].copy() for i, name in enumerate(names)}
+
+    def _unknown(self, name: str) -> int:
+        self[name]
+        raise AssertionError
+
+
+def decimate(data: Array, points: int) -> NDArray[np.intp]:
+    """Rows that keep the extremes of every column of ``data (n, columns)``, first and last row included."""
+    n = len(data)
+    buckets = max(1, points // 2)
+    edges = np.linspace(0, n, buckets + 1).astype(int)
+    keep = {0, n - 1}
+    finite = np.nan_to_num(data)
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        if b > a:
+            keep.update((a + finite[a:b].argmin(axis=0)).tolist())
+            keep.update((a + finite[a:b].argmax(axis=0)).tolist())
+    return np.array(sorted(keep), dtype=np.intp)
+
+
+def to_parquet(recording: Recording, path: Any) -> None:
+    """Write all signals of all runs as Parquet: columns time, run, then signals in SI; units in the schema metadata."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = _long_table(recording)
+    fields = []
+    for name in table:
+        unit = "s" if name == "time" else "" if name == "run" else recording.signals[name].unit
+        fields.append(pa.field(name, pa.from_numpy_dtype(table[name].dtype), metadata={"display_unit": unit}))
+    pq.write_table(pa.Table.from_arrays([pa.array(v) for v in table.values()], schema=pa.schema(fields)), path)
+
+
+def to_csv(recording: Recording, path: Any) -> None:
+    """Write all signals of all runs as CSV in SI: columns time, run, then signals; full precision."""
+    import pyarrow as pa
+    import pyarrow.csv as pv
+
+    pv.write_csv(pa.table(_long_table(recording)), path)
+
+
+def _long_table(recording: Recording) -> dict[str, NDArray[Any]]:
+    rows = recording.rows
+    epochs, runs, _ = rows.shape
+    table: dict[str, NDArray[Any]] = {
+        "time": np.repeat(recording.time, runs),
+        "run": np.tile(np.arange(runs), epochs),
+    }
+    flat = rows.reshape(epochs * runs, -1)
+    for name, i in recording.column.items():
+        table[name] = np.ascontiguousarray(flat[:, i])
+    return table

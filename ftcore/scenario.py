@@ -1,0 +1,153 @@
+"""A scenario: one document that says what flies, what senses, what fails and who watches.
+
+It is what a notebook loads, what REST takes and what an experiment hands back: with the operator's commands in it, the
+same document replays to the same bits.
+"""
+
+from __future__ import annotations
+
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+
+from ftcore.faults import Fault, FaultError, check
+from ftcore.systems.base import System, addresses
+from ftcore.systems.registry import SYSTEMS
+
+Seconds = Annotated[float, Field(ge=0.0, le=1e7, json_schema_extra={"unit": "s"})]
+MAX_FAULTS = 200
+
+
+class Strict(BaseModel):
+    """Immutable, no unknown fields, no NaN or infinity."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Inject(Strict):
+    """Operator command: inject this fault."""
+
+    action: Literal["inject"]
+    time: Seconds
+    fault: Fault
+
+
+class Change(Strict):
+    """Operator command: change fields of a fault."""
+
+    action: Literal["change"]
+    time: Seconds
+    fault: str
+    fields: dict[str, Any]
+
+
+class Clear(Strict):
+    """Operator command: clear one fault, or all (``fault`` absent)."""
+
+    action: Literal["clear"]
+    time: Seconds
+    fault: str | None = None
+
+
+class Switch(Strict):
+    """Operator command: switch a subsystem."""
+
+    action: Literal["switch"]
+    time: Seconds
+    subsystem: str
+    enabled: bool
+
+
+class Configure(Strict):
+    """Operator command: change settings."""
+
+    action: Literal["configure"]
+    time: Seconds
+    settings: dict[str, Any]
+
+
+Command = Annotated[Inject | Change | Clear | Switch | Configure, Field(discriminator="action")]
+
+
+class Scenario(Strict):
+    """What flies, what senses, what fails, who watches."""
+
+    id: str = Field(default="untitled", pattern=r"^[a-z0-9][a-z0-9-]{0,59}$")
+    title: str = Field(default="Untitled", max_length=120)
+    summary: str = Field(default="", max_length=2000)
+    hint: str = Field(default="", max_length=300, description="one sentence: what to try")
+    source: str = Field(default="", max_length=300, description="the paper, or FTLab")
+    system: str = Field(description="id of the system that flies")
+    seed: int = Field(default=1, ge=0, lt=2**63)
+    duration: float = Field(default=100.0, gt=0.0, le=36000.0, json_schema_extra={"unit": "s"})
+    parameters: dict[str, Any] = Field(default_factory=dict, description="fixed at the start; schema: the system's")
+    settings: dict[str, Any] = Field(default_factory=dict, description="changeable in flight; schema: the system's")
+    subsystems: dict[str, bool] = Field(default_factory=dict, description="switched on or off at the start")
+    faults: tuple[Fault, ...] = Field(default=(), max_length=MAX_FAULTS)
+    commands: tuple[Command, ...] = Field(default=(), max_length=20000, description="what the operator did, to replay it")
+
+    @field_validator("system")
+    @classmethod
+    def _known_system(cls, value: str) -> str:
+        if value not in SYSTEMS:
+            raise ValueError(f"no system {value!r}; there are {', '.join(SYSTEMS)}")
+        return value
+
+    @field_validator("parameters", "settings", mode="after")
+    @classmethod
+    def _fits_the_system(cls, value: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        system = SYSTEMS.get(info.data.get("system", ""))
+        if system is not None:
+            form = system.Parameters if info.field_name == "parameters" else system.Settings
+            form.model_validate(value)
+        return value
+
+    @model_validator(mode="after")
+    def _faults_and_subsystems_exist(self) -> Scenario:
+        description = SYSTEMS[self.system].description
+        channels = addresses(description)
+        for i, fault in enumerate(self.faults):
+            try:
+                check(fault, channels)
+            except FaultError as error:
+                raise ValueError(f"faults[{i}].{error.field}: {error}") from None
+        names = [s.name for s in description.subsystems]
+        for name in self.subsystems:
+            if name not in names:
+                raise ValueError(f"subsystems: no subsystem {name!r}; there are {', '.join(names)}")
+        ids = [fault.id for fault in self.faults if fault.id is not None]
+        if len(set(ids)) < len(ids):
+            raise ValueError("faults: two faults have the same id")
+        return self
+
+    @property
+    def model(self) -> System:
+        """The system that flies."""
+        return SYSTEMS[self.system]
+
+    @classmethod
+    def load(cls, id_or_path: str | Path) -> Scenario:
+        """A ready scenario by id, or one from a JSON file.
+
+        Raises:
+            FileNotFoundError: neither a ready scenario nor a file; the message lists the ready ones.
+            ValueError: the document is not a scenario (pydantic's ValidationError is one).
+        """
+        ready = resources.files("ftcore") / "scenarios" / f"{id_or_path}.json"
+        if isinstance(id_or_path, str) and "/" not in id_or_path and ready.is_file():
+            return cls.model_validate_json(ready.read_text("utf-8"))
+        path = Path(id_or_path)
+        if not path.is_file():
+            raise FileNotFoundError(
+                f"no scenario {str(id_or_path)!r}: not a file, and the ready ones are {', '.join(ready_ids())}"
+            )
+        return cls.model_validate(json.loads(path.read_text("utf-8")))
+
+
+def ready_ids() -> list[str]:
+    """Ids of the ready scenarios, in alphabetical order."""
+    folder = resources.files("ftcore") / "scenarios"
+    return sorted(entry.name.removesuffix(".json") for entry in folder.iterdir() if entry.name.endswith(".json"))

@@ -1,0 +1,551 @@
+"""Simulation: a scenario in flight. Step it, break it, rewind it, fork it.
+
+State is a value, so a rewind goes back to an older one and a fork is two names for one. Checkpoints thin out as a
+flight grows long; a moment between two of them is reached by replaying from the earlier one, to the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from ftcore import recording as table
+from ftcore.description import Signal, SystemDescription, View
+from ftcore.events import Event, edges, fault_detail
+from ftcore.faults import KINDS, Fault, FaultError, FaultMemory, apply, check
+from ftcore.noise import NoiseSource
+from ftcore.recording import Recording
+from ftcore.scenario import MAX_FAULTS, Change, Clear, Command, Configure, Inject, Scenario, Switch
+from ftcore.score import Score, compute
+from ftcore.systems.base import HEALTH, Controls, Flags, Output, addresses
+
+Array = NDArray[np.float64]
+
+CHECKPOINTS = 64
+"""States kept for rewinding; a batch keeps fewer, so that memory stays bounded."""
+
+
+class CommandError(ValueError):
+    """A command that was refused and changed nothing; ``field`` says which part of it is wrong."""
+
+    def __init__(self, field: str, message: str) -> None:
+        super().__init__(message)
+        self.field = field
+
+
+@dataclass(frozen=True)
+class LiveFault:
+    """A fault as the operator sees it."""
+
+    fault: Fault
+    unit: str | None
+    state: Literal["armed", "active", "ended"]
+
+
+@dataclass(frozen=True)
+class SubsystemState:
+    """A subsystem as the operator sees it (run 0)."""
+
+    enabled: bool
+    used: bool
+    health: str
+
+
+@dataclass(frozen=True)
+class Operator:
+    """Everything the operator has set; a value."""
+
+    faults: tuple[Fault, ...]
+    enabled: Mapping[str, bool]
+    settings: Any
+    next_id: int = 1
+    scripted: int = 0
+
+    @property
+    def controls(self) -> Controls:
+        """The part the navigator sees."""
+        return Controls(self.enabled, self.settings)
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything one epoch needs from the one before; a value."""
+
+    epoch: int
+    plant: Any
+    navigator: Any
+    memory: FaultMemory
+    command: Any
+    alarm: Flags
+    health: NDArray[np.int8]
+    used: Flags
+
+
+class Simulation:
+    """One scenario in flight, for one run or a batch of runs on the same commands.
+
+    Args:
+        scenario: what flies.
+        runs: how many runs side by side; run k is the same alone and in any batch.
+        seed: instead of the scenario's.
+        max_epochs: bound on the recording; the older half is thinned when it is full. None: unbounded.
+        first_run: index of the first run, to fly run k alone.
+
+    Raises:
+        ValueError: runs, seed or max_epochs out of range.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        runs: int = 1,
+        seed: int | None = None,
+        max_epochs: int | None = None,
+        first_run: int = 0,
+    ) -> None:
+        if runs < 1:
+            raise ValueError(f"runs is {runs}; at least 1 is needed")
+        self.scenario = scenario
+        self.runs = runs
+        self.seed = scenario.seed if seed is None else seed
+        self.first_run = first_run
+        system = scenario.model
+        self.description: SystemDescription = system.description
+        self.period = self.description.epoch
+        self.duration = scenario.duration
+        self.last_epoch = max(1, math.floor(self.duration / self.period + 1e-9))
+        self._noise = NoiseSource(self.seed, range(first_run, first_run + runs))
+        self._channels = addresses(self.description)
+        parameters = system.Parameters.model_validate(scenario.parameters)
+        self._assembly = system.assemble(parameters, self.duration, self._noise.runs, self._noise)
+        enabled = {s.name: scenario.subsystems.get(s.name, True) for s in self.description.subsystems}
+        self._operator = Operator((), enabled, system.Settings.model_validate(scenario.settings))
+        tests, subjects = len(self._assembly.tests), len(self._assembly.subjects)
+        self._state = State(
+            0,
+            self._assembly.plant.initial(),
+            self._assembly.navigator.initial(self._operator.controls),
+            FaultMemory(),
+            None,
+            np.zeros((runs, tests), bool),
+            np.zeros((runs, subjects), np.int8),
+            np.ones((runs, subjects), bool),
+        )
+        self._recording = Recording(self.description.signals, runs, self.period, max_epochs)
+        self._events: list[Event] = []
+        self._log: list[Command] = []
+        for fault in scenario.faults:
+            self._inject(fault.model_copy(update={"start": fault.start or 0.0}))
+        self._operators: list[tuple[int, Operator]] = [(0, self._operator)]
+        self._every = 1
+        self._checkpoints: dict[int, State] = {0: self._state}
+        self._apply_script()
+
+    # ---- what there is to see -------------------------------------------------------------------------------------
+
+    @property
+    def epoch(self) -> int:
+        """Epochs flown."""
+        return self._state.epoch
+
+    @property
+    def now(self) -> float:
+        """Time of the last epoch [s]."""
+        return self._state.epoch * self.period
+
+    @property
+    def finished(self) -> bool:
+        """Whether the scenario's duration is over."""
+        return self._state.epoch >= self.last_epoch
+
+    @property
+    def time(self) -> Array:
+        """Times of the recorded epochs [s]."""
+        return self._recording.time.copy()
+
+    @property
+    def signals(self) -> Mapping[str, Signal]:
+        """What is recorded: name -> label, unit, group."""
+        return self._recording.signals
+
+    def __getitem__(self, name: str) -> Array:
+        """A recorded signal ``(epochs, runs)``, SI. Raises KeyError, naming near misses."""
+        return self._recording[name]
+
+    @property
+    def recording(self) -> Recording:
+        """The whole recording."""
+        return self._recording
+
+    @property
+    def events(self) -> list[Event]:
+        """What happened, in order."""
+        return self._events
+
+    @property
+    def faults(self) -> list[LiveFault]:
+        """All faults: armed, active and ended."""
+        return [self._live(fault) for fault in self._operator.faults]
+
+    @property
+    def subsystems(self) -> dict[str, SubsystemState]:
+        """Subsystems and how they fare in run 0."""
+        column = {name: i for i, name in enumerate(self._assembly.subjects)}
+        result = {}
+        for name, enabled in self._operator.enabled.items():
+            i = column.get(name)
+            health = "off" if not enabled else "ok" if i is None else HEALTH[self._state.health[0, i]]
+            used = enabled if i is None else enabled and bool(self._state.used[0, i])
+            result[name] = SubsystemState(enabled, used, health)
+        return result
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Current settings."""
+        settings: dict[str, Any] = self._operator.settings.model_dump(mode="json")
+        return settings
+
+    def latest(self) -> dict[str, float]:
+        """Last value of every signal of run 0, SI."""
+        return self._recording.latest()
+
+    def columns(
+        self,
+        names: list[str],
+        start: float | None = None,
+        end: float | None = None,
+        points: int | None = None,
+        run: int = 0,
+    ) -> tuple[Array, dict[str, Array]]:
+        """Time and columns of one run, decimated by extremes if ``points`` is given. Raises KeyError."""
+        return self._recording.columns(names, start, end, points, run)
+
+    @property
+    def resolution(self) -> list[dict[str, float]]:
+        """Where older history is coarser than the epoch."""
+        return self._recording.resolution
+
+    def view(self, at: float | None = None) -> View:
+        """Diagram and scene of run 0, now or at an earlier moment. Raises CommandError outside the flight."""
+        epoch = self.epoch if at is None else self._epoch_of("at", at)
+        operator = self._operator if epoch == self.epoch else self._operator_at(epoch)
+        time = epoch * self.period
+        faulted = frozenset(f.channel for f in operator.faults if f.active(time) and epoch > 0)
+        truth, output = None, None
+        if epoch > 0:
+            _, truth, output = self._fly(self._state_at(epoch - 1), self._operator_at(epoch - 1))
+        return self._assembly.reporter.view(time, truth, output, operator.controls, faulted)
+
+    def score(self) -> Score:
+        """The flight so far against the truth; see :mod:`ftcore.score`."""
+        return compute(
+            self._recording, self._events, self._operator.faults, self.description, self._channels
+        )
+
+    def document(self) -> Scenario:
+        """The scenario with everything the operator did, ready to be flown again to the same bits."""
+        # What was scripted after `now` has not happened here; it stays in the document, as it is still to come.
+        commands = sorted([*self.scenario.commands, *self._log], key=lambda c: c.time)
+        return self.scenario.model_copy(update={"commands": tuple(commands), "seed": self.seed})
+
+    def to_parquet(self, path: str | Path) -> None:
+        """Write the recording as Parquet: time, run, then all signals in SI."""
+        table.to_parquet(self._recording, path)
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write the recording as CSV: time, run, then all signals in SI."""
+        table.to_csv(self._recording, path)
+
+    # ---- time -----------------------------------------------------------------------------------------------------
+
+    def step(self) -> Simulation:
+        """Fly one epoch; nothing happens when the flight is over."""
+        if self.finished:
+            return self
+        before = self._state
+        after, truth, output = self._fly(before, self._operator)
+        self._state = after
+        self._recording.append(self.now, self._assembly.reporter.row(truth, output))
+        self._fault_edges(before.epoch * self.period, self.now)
+        for run, kind, subject, detail in edges(
+            output, before.alarm, before.health, self._assembly.tests, self._assembly.subjects
+        ):
+            self._event(run + self.first_run, kind, subject, detail)
+        self._keep_checkpoint()
+        self._apply_script()
+        return self
+
+    def advance(self, until: float | None = None, epochs: int | None = None) -> Simulation:
+        """Fly on until a time [s], or for a number of epochs, or to the end; never past the end.
+
+        Raises:
+            CommandError: both or impossible arguments.
+        """
+        if until is not None and epochs is not None:
+            raise CommandError("until", "give either until or epochs, not both")
+        if epochs is not None and epochs < 0:
+            raise CommandError("epochs", f"epochs is {epochs}; it must not be negative")
+        if until is not None and (not math.isfinite(until) or until < self.now - 1e-9):
+            raise CommandError("until", f"until is {until} s, but the flight is at {self.now:g} s already; rewind first")
+        target = self.last_epoch
+        if until is not None:
+            target = min(target, math.floor(until / self.period + 1e-6))
+        elif epochs is not None:
+            target = min(target, self.epoch + epochs)
+        while self.epoch < target:
+            self.step()
+        return self
+
+    def rewind(self, to: float) -> Simulation:
+        """Go back to an earlier moment, as it was when the clock left it; what came later is forgotten."""
+        epoch = self._epoch_of("to", to)
+        if epoch == self.epoch:
+            return self
+        state, operator = self._state_at(epoch), self._operator_at(epoch)
+        time = epoch * self.period
+        self._checkpoints = {e: s for e, s in self._checkpoints.items() if e <= epoch}
+        self._operators = [(e, o) for e, o in self._operators if e <= epoch]
+        self._state, self._operator = state, operator
+        self._recording.truncate(time)
+        self._events = [event for event in self._events if event.time <= time + 1e-9]
+        self._log = [command for command in self._log if command.time <= time + 1e-9]
+        return self
+
+    def fork(self, at: float | None = None) -> Simulation:
+        """A second flight that shares the past up to ``at`` (default now) and has its own future."""
+        epoch = self.epoch if at is None else self._epoch_of("at", at)
+        time = epoch * self.period
+        twin = object.__new__(Simulation)
+        twin.__dict__.update(self.__dict__)
+        twin._recording = self._recording.copy_until(time)
+        twin._events = [event for event in self._events if event.time <= time + 1e-9]
+        twin._log = [command for command in self._log if command.time <= time + 1e-9]
+        twin._state = self._state_at(epoch)
+        twin._operator = self._operator_at(epoch)
+        twin._operators = [(e, o) for e, o in self._operators if e <= epoch]
+        twin._checkpoints = {e: s for e, s in self._checkpoints.items() if e <= epoch}
+        twin._noise = NoiseSource(self.seed, self._noise.runs)
+        system = self.scenario.model
+        parameters = system.Parameters.model_validate(self.scenario.parameters)
+        # Plant and navigator are pure; a new set only keeps the noise memo of two live branches apart.
+        twin._assembly = system.assemble(parameters, self.duration, twin._noise.runs, twin._noise)
+        return twin
+
+    # ---- the operator's commands ----------------------------------------------------------------------------------
+
+    def inject(self, fault: Fault) -> Fault:
+        """Lay a fault over a channel; start defaults to now. Returns it with its id.
+
+        Raises:
+            CommandError: the channel cannot take it; the message says what it takes.
+        """
+        injected = self._inject(fault)
+        self._record_command(Inject(action="inject", time=self.now, fault=injected))
+        return injected
+
+    def change(self, fault_id: str, **fields: Any) -> Fault:
+        """Change magnitude, end or another field of a fault that is armed or active. Raises CommandError."""
+        old = self._find(fault_id)
+        if self._live(old).state == "ended":
+            raise CommandError("fault", f"fault {fault_id!r} has ended; inject a new one")
+        if "id" in fields:
+            raise CommandError("id", "a fault keeps its id; leave it out")
+        try:
+            new = Fault.model_validate(old.model_dump() | fields)
+            check(new, self._channels)
+        except FaultError as error:
+            raise CommandError(error.field, str(error)) from None
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise CommandError(".".join(map(str, first["loc"])) or "end", first["msg"]) from None
+        self._operator = replace(
+            self._operator, faults=tuple(new if f.id == fault_id else f for f in self._operator.faults)
+        )
+        self._event(-1, "fault.changed", self._channels[new.channel].sensor, fault_detail(new, self._unit(new)))
+        self._record_command(Change(action="change", time=self.now, fault=fault_id, fields=fields))
+        return new
+
+    def clear(self, fault_id: str) -> Fault:
+        """End one fault now; the channel is truly restored. Raises CommandError if there is no such fault."""
+        fault = self._find(fault_id)
+        state = self._live(fault).state
+        if state == "ended":
+            return fault
+        assert fault.start is not None
+        never_flew = state == "armed" or fault.start >= self.now
+        ended = fault.model_copy(update={"end": self.now})
+        self._operator = replace(
+            self._operator,
+            faults=tuple(
+                ended if f.id == fault_id else f for f in self._operator.faults if not (never_flew and f.id == fault_id)
+            ),
+        )
+        self._event(-1, "fault.cleared", self._channels[fault.channel].sensor, fault_detail(ended, self._unit(fault)))
+        self._record_command(Clear(action="clear", time=self.now, fault=fault_id))
+        return ended
+
+    def clear_all(self) -> list[Fault]:
+        """End every fault that is armed or active."""
+        return [self.clear(str(f.id)) for f in self._operator.faults if self._live(f).state != "ended"]
+
+    def switch(self, subsystem: str, enabled: bool) -> Simulation:
+        """Switch a subsystem off or on. Raises CommandError for an unknown one."""
+        if subsystem not in self._operator.enabled:
+            raise CommandError("name", f"no subsystem {subsystem!r}; there are {', '.join(self._operator.enabled)}")
+        if self._operator.enabled[subsystem] != enabled:
+            self._operator = replace(self._operator, enabled={**self._operator.enabled, subsystem: enabled})
+            self._event(-1, "subsystem.switched", subsystem, {"enabled": enabled})
+            self._record_command(Switch(action="switch", time=self.now, subsystem=subsystem, enabled=enabled))
+        return self
+
+    def configure(self, **settings: Any) -> dict[str, Any]:
+        """Change settings of the system. Returns all of them. Raises CommandError, naming the field."""
+        form = self.scenario.model.Settings
+        try:
+            new = form.model_validate(self._operator.settings.model_dump() | settings)
+        except ValidationError as error:
+            first = error.errors()[0]
+            field = ".".join(map(str, first["loc"])) or "settings"
+            known = f"; settings are {', '.join(form.model_fields)}" if first["type"] == "extra_forbidden" else ""
+            raise CommandError(field, first["msg"] + known) from None
+        if new != self._operator.settings:
+            self._operator = replace(self._operator, settings=new)
+            self._event(-1, "settings.changed", "settings", dict(settings))
+            self._record_command(Configure(action="configure", time=self.now, settings=settings))
+        return self.settings
+
+    # ---- inside ---------------------------------------------------------------------------------------------------
+
+    def _fly(self, state: State, operator: Operator) -> tuple[State, Any, Output]:
+        """One epoch as a pure function: plant, faults, navigator."""
+        epoch = state.epoch + 1
+        plant, truth, clean = self._assembly.plant.step(state.plant, epoch, state.command)
+        memory, readings = apply(
+            operator.faults, self._channels, state.memory, clean, self._noise, epoch, self.period
+        )
+        navigator, output = self._assembly.navigator.step(state.navigator, readings, operator.controls)
+        after = State(epoch, plant, navigator, memory, output.command, output.alarm, output.health, output.used)
+        return after, truth, output
+
+    def _inject(self, fault: Fault) -> Fault:
+        if len(self._operator.faults) >= MAX_FAULTS:
+            raise CommandError("fault", f"there are {MAX_FAULTS} faults already, the most one flight takes")
+        number = self._operator.next_id
+        taken = {f.id for f in self._operator.faults}
+        if fault.id in taken:
+            raise CommandError("id", f"there is a fault {fault.id!r} already; leave id out to be given one")
+        while fault.id is None and f"f{number}" in taken:
+            number += 1
+        start = self.now if fault.start is None else fault.start
+        if fault.end is not None and fault.end <= start:
+            raise CommandError("end", f"end is {fault.end:g} s, which is not after the start at {start:g} s")
+        injected = fault.model_copy(update={"id": fault.id or f"f{number}", "start": start})
+        try:
+            check(injected, self._channels)
+        except FaultError as error:
+            raise CommandError(error.field, str(error)) from None
+        self._operator = replace(self._operator, faults=(*self._operator.faults, injected), next_id=number + 1)
+        sensor = self._channels[injected.channel].sensor
+        self._event(-1, "fault.injected", sensor, fault_detail(injected, self._unit(injected)))
+        return injected
+
+    def _record_command(self, command: Command) -> None:
+        if not self._replaying:
+            self._log.append(command)
+        self._keep_operator()
+
+    def _keep_operator(self) -> None:
+        if self._operators[-1][0] == self.epoch:
+            self._operators.pop()
+        self._operators.append((self.epoch, self._operator))
+
+    _replaying = False
+
+    def _apply_script(self) -> None:
+        """Give the commands of the scenario's own log whose time has come."""
+        script = self.scenario.commands
+        while self._operator.scripted < len(script) and script[self._operator.scripted].time <= self.now + 1e-9:
+            command = script[self._operator.scripted]
+            self._operator = replace(self._operator, scripted=self._operator.scripted + 1)
+            self._replaying = True
+            try:
+                match command:
+                    case Inject():
+                        self.inject(command.fault)
+                    case Change():
+                        self.change(command.fault, **command.fields)
+                    case Clear(fault=None):
+                        self.clear_all()
+                    case Clear():
+                        self.clear(str(command.fault))
+                    case Switch():
+                        self.switch(command.subsystem, command.enabled)
+                    case Configure():
+                        self.configure(**command.settings)
+            finally:
+                self._replaying = False
+            self._keep_operator()
+
+    def _keep_checkpoint(self) -> None:
+        if self.epoch % self._every == 0:
+            self._checkpoints[self.epoch] = self._state
+        if len(self._checkpoints) > max(4, CHECKPOINTS // self.runs):
+            self._every *= 2
+            self._checkpoints = {e: s for e, s in self._checkpoints.items() if e % self._every == 0}
+
+    def _operator_at(self, epoch: int) -> Operator:
+        return self._operators[bisect_right(self._operators, epoch, key=lambda pair: pair[0]) - 1][1]
+
+    def _state_at(self, epoch: int) -> State:
+        if epoch == self.epoch:
+            return self._state
+        state = self._checkpoints[max(e for e in self._checkpoints if e <= epoch)]
+        while state.epoch < epoch:
+            state, _, _ = self._fly(state, self._operator_at(state.epoch))
+        return state
+
+    def _epoch_of(self, field: str, time: float) -> int:
+        if not math.isfinite(time) or not -1e-9 <= time <= self.now + 1e-9:
+            raise CommandError(field, f"{time:g} s lies outside the flight so far, which is 0 to {self.now:g} s")
+        return round(time / self.period)
+
+    def _find(self, fault_id: str) -> Fault:
+        for fault in self._operator.faults:
+            if fault.id == fault_id:
+                return fault
+        known = ", ".join(str(f.id) for f in self._operator.faults) or "none"
+        raise CommandError("fault", f"no fault {fault_id!r}; there is {known}")
+
+    def _live(self, fault: Fault) -> LiveFault:
+        assert fault.start is not None
+        state: Literal["armed", "active", "ended"] = "active"
+        if fault.end is not None and self.now >= fault.end - 1e-9:
+            state = "ended"
+        elif self.now < fault.start - 1e-9:
+            state = "armed"
+        return LiveFault(fault, self._unit(fault), state)
+
+    def _unit(self, fault: Fault) -> str | None:
+        return fault.unit or KINDS[fault.kind].unit(self._channels[fault.channel].unit)
+
+    def _fault_edges(self, before: float, now: float) -> None:
+        for fault in self._operator.faults:
+            assert fault.start is not None
+            sensor = self._channels[fault.channel].sensor
+            if before < fault.start <= now or (before == 0.0 == fault.start):
+                self._event(-1, "fault.started", sensor, fault_detail(fault, self._unit(fault)))
+            if fault.end is not None and before < fault.end <= now:
+                self._event(-1, "fault.ended", sensor, fault_detail(fault, self._unit(fault)))
+
+    def _event(self, run: int, kind: str, subject: str, detail: dict[str, Any]) -> None:
+        self._events.append(
+            Event(index=len(self._events), time=self.now, run=run, kind=kind, subject=subject, detail=detail)
+        )

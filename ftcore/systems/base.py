@@ -1,0 +1,139 @@
+"""What a system is made of, and the values that pass between its parts.
+
+A system is a *plant* (world and sensors: knows truth), a *navigator* (estimation and detection: sees readings only) and
+a *reporter* (turns both into recorded numbers, where truth is used to score). They are pure: a step takes a state and
+returns a new one. The simulation knows systems only through the protocols of this module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from ftcore.description import SystemDescription, View
+from ftcore.faults import ChannelAddress
+from ftcore.noise import NoiseSource
+from ftcore.readings import Readings
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+HEALTH = ("ok", "suspect", "isolated", "off")
+"""Codes 0 to 3 of :attr:`Output.health`."""
+
+
+class Form(BaseModel):
+    """Base of every system's parameters and settings: immutable, strict about fields and numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Controls:
+    """What the operator has set: which subsystems are switched on, and the system's settings."""
+
+    enabled: Mapping[str, bool]
+    settings: Any
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something worth an event that cannot be read off alarms and health: in which runs, and the numbers behind it."""
+
+    kind: str
+    subject: str
+    where: Flags
+    numbers: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Output:
+    """What a navigator says at one epoch.
+
+    Attributes:
+        statistic, threshold, dof, alarm: ``(runs, tests)``, in the order of :attr:`Assembly.tests`.
+        health: ``(runs, subjects)`` codes of :data:`HEALTH`, in the order of :attr:`Assembly.subjects`.
+        used: ``(runs, subjects)``, whether the master uses the subject in this epoch.
+        notices: further events.
+        detail: what the reporter needs; a value of the system's own type.
+        command: what the plant is told for the next epoch; None where nothing is flown.
+    """
+
+    statistic: Array
+    threshold: Array
+    dof: Array
+    alarm: Flags
+    health: NDArray[np.int8]
+    used: Flags
+    notices: Sequence[Notice]
+    detail: Any
+    command: Any = None
+
+
+class Plant(Protocol):
+    """World and sensors."""
+
+    def initial(self) -> Any:
+        """State before the first epoch."""
+
+    def step(self, state: Any, epoch: int, command: Any) -> tuple[Any, Any, Readings]:
+        """One epoch: new state, truth, clean readings."""
+
+
+class Navigator(Protocol):
+    """Estimation and detection."""
+
+    def initial(self, controls: Controls) -> Any:
+        """State before the first epoch."""
+
+    def step(self, state: Any, readings: Readings, controls: Controls) -> tuple[Any, Output]:
+        """One epoch: new state and what it says."""
+
+
+class Reporter(Protocol):
+    """Truth and output to numbers and pictures."""
+
+    def row(self, truth: Any, output: Output) -> Array:
+        """``(runs, signals)`` in the order of the description's signals, SI."""
+
+    def view(self, time: float, truth: Any, output: Output | None, controls: Controls, faulted: frozenset[str]) -> View:
+        """Diagram and scene of run 0; ``faulted`` holds the names of channels with a live fault."""
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A system put together for one experiment.
+
+    Attributes:
+        tests: (name, subject) of every test column.
+        subjects: names behind the health columns.
+    """
+
+    plant: Plant
+    navigator: Navigator
+    reporter: Reporter
+    tests: tuple[tuple[str, str], ...]
+    subjects: tuple[str, ...]
+
+
+class System(Protocol):
+    """One of FTLab's systems, before it is put together."""
+
+    description: SystemDescription
+    Parameters: type[Form]
+    Settings: type[Form]
+
+    def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
+        """Put the system together for ``duration`` seconds."""
+
+
+def addresses(description: SystemDescription) -> dict[str, ChannelAddress]:
+    """Channel name -> where it lives in the readings."""
+    return {
+        c.name: ChannelAddress(c.name, c.group, c.parts, c.unit, c.kinds, c.sensor) for c in description.channels
+    }

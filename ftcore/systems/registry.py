@@ -1,0 +1,15 @@
+"""The systems there are. A fifth one is added here and nowhere else."""
+
+from __future__ import annotations
+
+from ftcore.systems.base import System
+from ftcore.systems.sins_gps_doppler import SinsGpsDoppler
+
+
+def all_systems() -> dict[str, System]:
+    """System id -> system, in the order a person is shown them."""
+    systems: list[System] = [SinsGpsDoppler()]
+    return {system.description.id: system for system in systems}
+
+
+SYSTEMS = all_systems()

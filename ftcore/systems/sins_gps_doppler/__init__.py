@@ -1,0 +1,29 @@
+"""System A: SINS/GPS/Doppler federated system with chi-square FDI (Zhang and Zhang, ICAS 1992)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ftcore.noise import NoiseSource
+from ftcore.systems.base import Assembly
+from ftcore.systems.sins_gps_doppler.description import EPOCH, SUBJECTS, TESTS, description
+from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
+
+
+class SinsGpsDoppler:
+    """See :class:`ftcore.systems.base.System`."""
+
+    description = description()
+    Parameters = Parameters
+    Settings = Settings
+
+    def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
+        """Put the system together for ``duration`` seconds."""
+        from ftcore.systems.sins_gps_doppler.navigator import Navigator
+        from ftcore.systems.sins_gps_doppler.plant import Plant
+        from ftcore.systems.sins_gps_doppler.reporter import Reporter
+
+        instruments = Navigator.geometry(parameters)
+        plant = Plant(parameters, instruments.axes, duration, noise)
+        navigator = Navigator(parameters, instruments, len(runs), plant.alignment(), plant.calibration())
+        return Assembly(plant, navigator, Reporter(instruments, EPOCH), TESTS, SUBJECTS)

@@ -1,0 +1,83 @@
+"""The bank of 21-state filters of the SINS/GPS/Doppler system, carried over together.
+
+    0, 1  local     the federation's local filters, with their shares of noise (000 (28)-(31))
+    2     master    the federation's master
+    3     fused     the global estimate, carried over without inflation: what a measurement is admitted against
+    4, 5  alone     SINS/GPS and SINS/Doppler as if the other did not exist: baselines, and what the tests run on
+    6     central   all sensors, no FDI, on the unprotected strapdown
+    7, 8  prior     the same starts as 4 and 5 without measurements: P2 of the state chi-square test
+    9, 10 propagator  two, alternately reset from the fused estimate
+
+Arrays are ``(runs, 11, 21)`` and ``(runs, 11, 21, 21)``; one matrix product carries all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore.estimation import federated, kalman
+from ftcore.estimation.federated import Bank, Estimate, Sharing
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LOCAL, MASTER, FUSED, ALONE, CENTRAL, PRIOR, PROPAGATOR = (0, 1), 2, 3, (4, 5), 6, (7, 8), (9, 10)
+SIZE = 11
+INS_OF_FILTER = np.array([0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0])
+"""Which strapdown each filter's errors belong to: 0 protected, 1 unprotected."""
+
+
+@dataclass(frozen=True)
+class Filters:
+    """All filters: ``x (runs, 11, 21)``, ``P (runs, 11, 21, 21)``."""
+
+    x: Array
+    P: Array
+
+    def estimate(self, i: int) -> Estimate:
+        """One filter."""
+        return Estimate(self.x[:, i], self.P[:, i])
+
+    @property
+    def federation(self) -> Bank:
+        """Locals and master as :mod:`ftcore.estimation.federated` wants them."""
+        return Bank(self.x[:, :3], self.P[:, :3])
+
+
+def start(runs: int, P0: Array, sharing: Sharing) -> Filters:
+    """All filters at zero error with covariance ``P0 (n, n)``, the locals inflated."""
+    n = len(P0)
+    x = np.zeros((runs, SIZE, n))
+    P = np.array(np.broadcast_to(P0, (runs, SIZE, n, n)))
+    whole = federated.start(np.zeros((1, n)), P0[None], sharing)
+    P[:, :3] = whole.P
+    return Filters(x, P)
+
+
+def predict(filters: Filters, Phi: Array, Q: Array, sharing: Sharing, members: Flags) -> Filters:
+    """Carry all filters over: ``Phi``, ``Q`` ``(runs, 2, 21, 21)`` of the two strapdowns; locals get their share of Q."""
+    Phi_bank = Phi[:, INS_OF_FILTER]
+    Q_bank = Q[:, INS_OF_FILTER]
+    Q_bank[:, :3] *= federated.noise_factors(sharing, members)[..., None, None]
+    return Filters(*kalman.predict(filters.x, filters.P, Phi_bank, Q_bank))
+
+
+def replaced(filters: Filters, changes: dict[int, tuple[Array, Array]]) -> Filters:
+    """The bank with some filters replaced: index -> (x, P)."""
+    x, P = filters.x.copy(), filters.P.copy()
+    for i, (x_i, P_i) in changes.items():
+        x[:, i], P[:, i] = x_i, P_i
+    return Filters(x, P)
+
+
+def reset_where(filters: Filters, indices: tuple[int, ...], where: Flags, source: Estimate) -> Filters:
+    """Filters ``indices`` restart from ``source`` in the runs ``where``; untouched if there are none."""
+    if not where.any():
+        return filters
+    x, P = filters.x.copy(), filters.P.copy()
+    for i in indices:
+        x[where, i], P[where, i] = source.x[where], source.P[where]
+    return Filters(x, P)

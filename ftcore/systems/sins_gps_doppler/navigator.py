@@ -1,0 +1,366 @@
+"""Estimation and detection of the SINS/GPS/Doppler system: sees readings only.
+
+One epoch, in the order of the code: the redundant IMU is checked and solved; two strapdowns fly on, the protected one
+with the trusted instruments and the unprotected one with all; a bank of filters is carried over; the tests compare
+measurements with predictions; the supervisor decides; the local filters take the trusted measurements and the master
+fuses them. Feed-forward: the strapdowns run free, the filters estimate their errors.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore import units
+from ftcore.detection import chi_square, supervisor
+from ftcore.detection.geometry import InstrumentSet, three_two_dof
+from ftcore.estimation import federated, ins_error, kalman
+from ftcore.estimation.federated import Estimate, Sharing
+from ftcore.estimation.strapdown import InsState, damp_vertical, damping_gains, propagate
+from ftcore.readings import Readings
+from ftcore.systems.base import Controls, Flags, Notice, Output
+from ftcore.systems.sins_gps_doppler import bank, measurements
+from ftcore.systems.sins_gps_doppler.aid_tests import AidTests, AidTestState
+from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, LOCAL, PRIOR, PROPAGATOR, Filters
+from ftcore.systems.sins_gps_doppler.description import AID_TESTS, AIDS, EPOCH, SLOTS
+from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
+from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
+from ftcore.systems.sins_gps_doppler.reporter import Detail
+
+Array = NDArray[np.float64]
+SUBJECTS = tuple(AIDS)
+
+
+@dataclass(frozen=True)
+class NavigatorState:
+    """Everything the navigator carries from epoch to epoch.
+
+    Attributes:
+        ins: protected and unprotected strapdown, leading axes ``(2 runs,)``, run-major.
+        age, older: epochs since a propagator was reset, and which of the two is the reference.
+    """
+
+    ins: InsState
+    filters: Filters
+    imu: ImuState
+    tests: AidTestState
+    supervisor: supervisor.State
+    members: Flags
+    sharing: Sharing
+    age: int
+    older: int
+
+
+@dataclass(frozen=True)
+class Aid:
+    """One aiding sensor at one epoch: y ``(runs, 2, m)`` and H ``(runs, 2, m, 21)`` against both strapdowns."""
+
+    y: Array
+    H: Array
+    R: Array
+    valid: Flags
+    columns: NDArray[np.intp]
+
+    def of(self, filters: list[int]) -> tuple[Array, Array, Array, Flags]:
+        """y, H, R, valid for some filters of the bank."""
+        ins = bank.INS_OF_FILTER[filters]
+        return self.y[:, ins], self.H[:, ins], self.R, self.valid[:, None]
+
+
+class Navigator:
+    """See :class:`ftcore.systems.base.Navigator`."""
+
+    def __init__(
+        self,
+        p: Parameters,
+        instruments: InstrumentSet,
+        runs: int,
+        alignment: InsState,
+        calibration: tuple[Array, Array],
+    ) -> None:
+        self._p = p
+        self._runs = runs
+        self._alignment = alignment
+        i, a = p.inertial, p.aiding
+        density = np.array([units.to_si(i.angle_random_walk, "deg/sqrt(h)"), units.to_si(i.accelerometer_noise, "ug/sqrt(Hz)")])
+        bias = np.array([units.to_si(i.gyro_bias, "deg/h"), units.to_si(i.accelerometer_bias, "ug")])
+        self._imu = RedundantImu(instruments, density, bias, np.stack(calibration, axis=1), i.calibration, EPOCH)
+        self._P0 = _initial_covariance(p, instruments, bias)
+        self._gains = damping_gains(a.vertical_damping, p.flight.height)
+        self._tests = AidTests(runs)
+
+    @staticmethod
+    def geometry(p: Parameters) -> InstrumentSet:
+        """Three 2-DOF instruments at the mounting angles."""
+        phi, theta, psi = (math.radians(angle) for angle in p.inertial.mounting)
+        return three_two_dof(phi, theta, psi)
+
+    def initial(self, controls: Controls) -> NavigatorState:
+        """Before the first epoch: aligned, everybody trusted."""
+        sharing = _sharing(controls.settings)
+        twice = InsState(*(np.repeat(v, 2, axis=0) for v in (self._alignment.lla, self._alignment.v_n, self._alignment.C_nb)))
+        return NavigatorState(
+            ins=twice,
+            filters=bank.start(self._runs, self._P0, sharing),
+            imu=self._imu.initial(self._runs),
+            tests=self._tests.initial(),
+            supervisor=supervisor.start(self._runs, len(SUBJECTS)),
+            members=np.ones((1, len(SUBJECTS)), bool),
+            sharing=sharing,
+            age=0,
+            older=0,
+        )
+
+    def step(self, state: NavigatorState, readings: Readings, controls: Controls) -> tuple[NavigatorState, Output]:
+        """One epoch."""
+        settings: Settings = controls.settings
+        runs = self._runs
+        rules = supervisor.Rules(settings.confirm, settings.within, 1, settings.hold_off)
+        imu_state, imu = self._imu.step(
+            state.imu, readings["imu.gyro"], readings["imu.accelerometer"], settings, rules
+        )
+        ins, Phi, Q = self._fly(state.ins, imu, readings, controls)
+
+        sharing = _sharing(settings)
+        filters = state.filters
+        if sharing != state.sharing:
+            known = filters.estimate(FUSED)
+            fresh = federated.start(known.x, known.P, sharing)
+            filters = bank.replaced(filters, {i: (fresh.x[:, i], fresh.P[:, i]) for i in range(3)})
+        filters = bank.predict(filters, Phi, Q, sharing, state.members)
+        filters = _bias_jump(filters, imu)
+
+        gps, lines = self._gps(ins, readings, controls.enabled["gps"])
+        doppler = self._doppler(ins, readings, controls.enabled["doppler"])
+        x, P = filters.x.copy(), filters.P.copy()
+        references = [FUSED, PROPAGATOR[state.older]]
+        updates, locals_, predictions = [], [], []
+        for j, aid in enumerate((gps, doppler)):
+            predictions.append(kalman.innovation(filters.x[:, references], filters.P[:, references], *aid.of(references)))
+            taking = [ALONE[j], LOCAL[j], CENTRAL]
+            update = kalman.update(x[:, taking], P[:, taking], *aid.of(taking))
+            x[:, [ALONE[j], CENTRAL]], P[:, [ALONE[j], CENTRAL]] = update.x[:, [0, 2]], update.P[:, [0, 2]]
+            locals_.append((update.x[:, 1], update.P[:, 1]))
+            updates.append(update)
+
+        tests_state, tests = self._tests.step(
+            state.tests,
+            updates,
+            predictions,
+            [gps, doppler],
+            Phi[:, 0],
+            Filters(x, P),
+            settings.false_alarm_probability,
+        )
+        driving = np.zeros((runs, 2), bool)
+        if settings.driving_test != "none":
+            driving = tests.alarm.reshape(runs, len(AID_TESTS), 2)[:, AID_TESTS.index(settings.driving_test)]
+        enabled = np.array([[controls.enabled["gps"], controls.enabled["doppler"]]])
+        has_reading = np.stack([u.dof[:, 0] > 0 for u in updates], axis=-1)
+        admission = np.stack([p.statistic[:, 0] for p in predictions], axis=-1)
+        limit = chi_square.threshold(settings.false_alarm_probability, np.stack([p.dof[:, 0] for p in predictions], axis=-1))
+        supervision, decision = supervisor.step(
+            state.supervisor, driving, (admission <= limit) & has_reading, enabled, rules
+        )
+
+        used = decision.use
+        x_local = np.stack([x_j for x_j, _ in locals_], axis=1)
+        P_local = np.stack([P_j for _, P_j in locals_], axis=1)
+        prior = filters.federation
+        fallback = filters.estimate(FUSED)
+        if settings.master == "covariance-intersection":
+            alone = list(ALONE)
+            fused = federated.covariance_intersection(x[:, alone], P[:, alone], used, fallback=fallback)
+        else:
+            fused = federated.master_estimate(prior, x_local, P_local, used, sharing, fallback)
+        back = decision.just_readmitted
+        federation = federated.after_fusion(prior, x_local, P_local, fused, used, sharing, back if back.any() else None)
+        x[:, :3], P[:, :3] = federation.x, federation.P
+        x[:, FUSED], P[:, FUSED] = fused.x, fused.P
+        age, older = state.age + 1, state.older
+        if age >= settings.propagator_period:
+            x[:, PROPAGATOR[older]], P[:, PROPAGATOR[older]] = fused.x, fused.P
+            age, older = 0, 1 - older
+        filters = Filters(x, P)
+        for j in range(2):
+            filters = bank.reset_where(filters, (ALONE[j], PRIOR[j]), back[:, j], fused)
+        if back.any():
+            tests_state = self._tests.reset(tests_state, back)
+
+        after = NavigatorState(ins, filters, imu_state, tests_state, supervision, decision.members, sharing, age, older)
+        detail = self._detail(readings, ins, filters, fused, imu, gps, doppler, lines)
+        health = np.concatenate([decision.health, imu.decision.health], axis=-1).astype(np.int8)
+        both_used = np.concatenate([used & has_reading, imu.used.reshape(runs, -1)], axis=-1)
+        output = Output(
+            statistic=np.concatenate([tests.statistic, imu.statistic], axis=-1),
+            threshold=np.concatenate([tests.threshold, imu.threshold], axis=-1),
+            dof=np.concatenate([tests.dof, imu.dof], axis=-1),
+            alarm=np.concatenate([tests.alarm, imu.alarm], axis=-1),
+            health=health,
+            used=both_used,
+            notices=_notices(decision, imu, tests_state, tests, used),
+            detail=detail,
+        )
+        return after, output
+
+    # ---- parts of an epoch ----------------------------------------------------------------------------------------
+
+    def _fly(
+        self, ins: InsState, imu: ImuEpoch, readings: Readings, controls: Controls
+    ) -> tuple[InsState, Array, Array]:
+        """Both strapdowns over one epoch, with their transition and noise ``(runs, 2, 21, 21)``."""
+        runs, samples = self._runs, imu.omega_b.shape[2]
+        omega_b, f_b = imu.omega_b.reshape(2 * runs, samples, 3), imu.f_b.reshape(2 * runs, samples, 3)
+        ins, interval = propagate(ins, omega_b, f_b, EPOCH / samples)
+        a = self._p.aiding
+        baro = readings["altimeter.height"]
+        on = np.repeat(np.broadcast_to(baro.valid[:, 0] & controls.enabled["altimeter"], (runs,)), 2)
+        k1, k2 = (gain * on for gain in self._gains)
+        height = np.repeat(np.where(np.isfinite(baro.values[:, 0]), baro.values[:, 0], 0.0), 2)
+        noise = imu.noise.reshape(2 * runs, 2, 3, 3)
+        densities = ins_error.NoiseDensities(
+            gyro=noise[:, 0],
+            accelerometer=noise[:, 1],
+            clock_phase=a.clock_phase_noise,
+            clock_frequency=a.clock_frequency_noise,
+        )
+        F = ins_error.system_matrix(interval)
+        D = ins_error.damping_transition(ins.lla[:, 2], EPOCH, k1, k2)
+        Phi = D @ ins_error.transition(F, EPOCH)
+        Q = D @ ins_error.process_noise(F, ins_error.noise_density(interval.C_nb, densities), EPOCH) @ D.swapaxes(-1, -2)
+        Q = Q + ins_error.damping_noise(EPOCH, k1, k2, a.altimeter_noise)
+        shape = (runs, 2, ins_error.STATES, ins_error.STATES)
+        ins = damp_vertical(ins, height, EPOCH, k1, k2)
+        return ins, Phi.reshape(shape), Q.reshape(shape)
+
+    def _gps(self, ins: InsState, readings: Readings, enabled: bool) -> tuple[Aid, Array]:
+        """GPS rows for the satellites that any run has, and the lines of sight of run 0."""
+        a, runs = self._p.aiding, self._runs
+        ranges, rates = readings["gps.pseudorange"], readings["gps.delta_range"]
+        seen = np.flatnonzero((ranges.valid | rates.valid).any(axis=0))
+        columns = seen if len(seen) else np.array([0])
+        satellites, velocities = readings.aiding["satellites"][columns], readings.aiding["velocities"][columns]
+        y_range, y_rate = (np.repeat(np.nan_to_num(g.values[:, columns]), 2, axis=0) for g in (ranges, rates))
+        measurement, geometry = measurements.gps(ins, satellites, velocities, y_range, y_rate)
+        valid = np.concatenate([ranges.valid[:, columns], rates.valid[:, columns]], axis=-1) & enabled
+        m = 2 * len(columns)
+        R = np.repeat([a.pseudorange**2, a.delta_range**2], len(columns))
+        aid = Aid(
+            measurement.y.reshape(runs, 2, m),
+            measurement.H.reshape(runs, 2, m, -1),
+            R[None, None],
+            valid,
+            np.concatenate([columns, columns + len(SLOTS)]),
+        )
+        lines = np.full((len(SLOTS), 3), np.nan)
+        usable = ranges.valid[0, columns] | rates.valid[0, columns]
+        lines[columns[usable]] = geometry.e_n[0][usable]
+        return aid, lines
+
+    def _doppler(self, ins: InsState, readings: Readings, enabled: bool) -> Aid:
+        """Doppler rows, body axes."""
+        group, runs = readings["doppler.velocity"], self._runs
+        measurement = measurements.doppler(ins, np.repeat(np.nan_to_num(group.values), 2, axis=0))
+        R = np.full((1, 1, 3), self._p.aiding.doppler**2)
+        return Aid(
+            measurement.y.reshape(runs, 2, 3), measurement.H.reshape(runs, 2, 3, -1), R, group.valid & enabled, np.arange(3)
+        )
+
+    def _detail(
+        self,
+        readings: Readings,
+        ins: InsState,
+        filters: Filters,
+        fused: Estimate,
+        imu: ImuEpoch,
+        gps: Aid,
+        doppler: Aid,
+        lines: Array,
+    ) -> Detail:
+        runs = self._runs
+        shown = [FUSED, *ALONE, CENTRAL]
+        two = InsState(ins.lla.reshape(runs, 2, 3), ins.v_n.reshape(runs, 2, 3), ins.C_nb.reshape(runs, 2, 3, 3))
+        satellites = len(gps.columns) // 2
+        valid = gps.valid[:, :satellites]
+        in_use = np.broadcast_to(valid.sum(axis=-1).astype(float), (runs,))
+        discrepancy = np.full((runs, len(SLOTS)), np.nan)
+        residual = gps.y[:, 0, :satellites] - np.matvec(gps.H[:, 0, :satellites], fused.x)
+        discrepancy[:, gps.columns[:satellites]] = np.where(valid, residual, np.nan)
+        group = readings["doppler.velocity"]
+        output, _ = federated.failed_output(fused, doppler.H[:, 0])
+        indicated = doppler.y[:, 0] + np.nan_to_num(group.values)
+        reading = np.where(group.valid, group.values, np.nan)
+        return Detail(
+            ins=two,
+            x=filters.x[:, shown, :9],
+            P=filters.P[:, shown, :9, :9],
+            parity=imu.parity,
+            doppler=np.stack([reading, indicated - output], axis=1),
+            discrepancy=discrepancy,
+            lines=lines,
+            in_use=in_use,
+            hdop=np.broadcast_to(_hdop(lines[np.isfinite(lines[:, 0])]), (runs,)),
+        )
+
+
+def _sharing(settings: Settings) -> Sharing:
+    if settings.fusion_mode == "rescale":
+        third = 1.0 / 3.0
+        rest = 1.0 - third
+        return Sharing("rescale", (rest * settings.gps_share, rest * (1.0 - settings.gps_share)), third)
+    return Sharing(settings.fusion_mode, (settings.gps_share, 1.0 - settings.gps_share))
+
+
+def _initial_covariance(p: Parameters, instruments: InstrumentSet, bias: Array) -> Array:
+    """P(0) ``(21, 21)``: alignment, sensor repeatability, altimeter, Doppler, clock."""
+    n, a = p.initial, p.aiding
+    P0 = np.zeros((ins_error.STATES, ins_error.STATES))
+    sigma = [n.position] * 3 + [n.velocity] * 3 + [n.tilt, n.tilt, n.azimuth] + [0.0] * 6
+    sigma += [a.altimeter_bias, a.altimeter_scale, a.doppler_scale, a.doppler_drift, n.clock_phase, n.clock_frequency]
+    # A state that is known exactly keeps a hair of variance, so that every covariance has an inverse.
+    floor = np.array([1e-6] * 6 + [1e-12] * 3 + [1e-14] * 3 + [1e-9] * 3 + [1e-6, 1e-9, 1e-9, 1e-9, 1e-6, 1e-6])
+    P0[np.diag_indices_from(P0)] = np.maximum(np.array(sigma), floor) ** 2
+    body = instruments.gains[-1] @ instruments.gains[-1].T
+    P0[9:12, 9:12] += body * bias[0] ** 2
+    P0[12:15, 12:15] += body * bias[1] ** 2
+    return P0
+
+
+def _bias_jump(filters: Filters, imu: ImuEpoch) -> Filters:
+    """A changed set of instruments has other body biases: tell the filters on the protected strapdown by how much."""
+    if not imu.changed.any():
+        return filters
+    P = filters.P.copy()
+    protected = np.flatnonzero(bank.INS_OF_FILTER == 0)
+    for cluster, block in ((0, slice(9, 12)), (1, slice(12, 15))):
+        P[:, protected, block, block] += imu.bias_change[:, None, cluster]
+    return Filters(filters.x, P)
+
+
+def _notices(
+    decision: supervisor.Decision, imu: ImuEpoch, state: AidTestState, tests: object, used: Flags
+) -> list[Notice]:
+    notices = []
+    for j, subject in enumerate(SUBJECTS):
+        back = decision.just_readmitted[:, j]
+        if back.any():
+            notices.append(Notice("filter.reset", subject, back, {}))
+    if imu.changed.any():
+        names = ("gyro", "accelerometer")
+        numbers = {f"{name}s_used": imu.used[:, c].sum(axis=-1).astype(float) for c, name in enumerate(names)}
+        notices.append(Notice("imu.reconfigured", "imu", imu.changed, numbers))
+    return notices
+
+
+def _hdop(lines: Array) -> float:
+    if len(lines) < 4:
+        return math.nan
+    G = np.concatenate([lines, np.ones((len(lines), 1))], axis=1)
+    normal = G.T @ G
+    if np.linalg.cond(normal) > 1e12:
+        return math.nan
+    cofactor = np.linalg.inv(normal)
+    return math.sqrt(cofactor[0, 0] + cofactor[1, 1])

@@ -1,0 +1,231 @@
+"""Truth and output to recorded numbers, and to the state of diagram and scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore.description import BlockView, Health, ItemView, View
+from ftcore.estimation import kalman
+from ftcore.estimation.ins_error import navigation_error
+from ftcore.estimation.strapdown import InsState
+from ftcore.detection.geometry import InstrumentSet
+from ftcore.rotation import matrix_to_rpy
+from ftcore.systems.base import HEALTH, Controls, Output
+from ftcore.systems.sins_gps_doppler.description import AIDS, AXES, CLUSTERS, SLOTS, SUBJECTS, TESTS
+
+Array = NDArray[np.float64]
+
+INS_OF_ESTIMATOR = [0, 0, 0, 1]
+"""fused, gps and doppler correct the protected strapdown, unprotected its own."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really is, at the end of an epoch: arrays lead with 1, all runs fly the same path."""
+
+    lla: Array
+    v_n: Array
+    C_nb: Array
+
+
+@dataclass(frozen=True)
+class Detail:
+    """What the navigator hands to the reporter.
+
+    Attributes:
+        ins: protected and unprotected strapdown, leading axes ``(runs, 2)``.
+        x, P: the nine navigation errors as the four estimators see them, ``(runs, 4, 9)`` and ``(runs, 4, 9, 9)``.
+        parity: ``(runs, 2, 3)`` calibrated parity vectors, gyros and accelerometers [SI].
+        doppler: reading and estimated output ``(runs, 2, 3)`` [m/s].
+        discrepancy: ``(runs, satellites)`` pseudorange minus its estimated output [m], NaN where there is none.
+        lines: ``(satellites, 3)`` lines of sight of run 0, NaN where not visible.
+        in_use: ``(runs,)`` satellites in use.
+        hdop: ``(runs,)``.
+        names: texts of the tests for the diagram.
+    """
+
+    ins: InsState
+    x: Array
+    P: Array
+    parity: Array
+    doppler: Array
+    discrepancy: Array
+    lines: Array
+    in_use: Array
+    hdop: Array
+
+
+class Reporter:
+    """See :class:`ftcore.systems.base.Reporter`."""
+
+    def __init__(self, instruments: InstrumentSet, epoch: float) -> None:
+        self._instruments = instruments
+        self._epoch = epoch
+
+    def row(self, truth: Truth, output: Output) -> Array:
+        """``(runs, signals)``; the order is that of the description's signals."""
+        detail: Detail = output.detail
+        runs = len(detail.x)
+        true = InsState(truth.lla[:, None], truth.v_n[:, None], truth.C_nb[:, None])
+        truth_error = navigation_error(detail.ins, true)[:, INS_OF_ESTIMATOR]
+        error = truth_error - detail.x
+        sigma = np.sqrt(np.diagonal(detail.P, axis1=-2, axis2=-1))
+        horizontal = np.sqrt(error[..., 0:1] ** 2 + error[..., 1:2] ** 2)
+        nees = kalman.nees(error, detail.P)[..., None]
+        estimators = np.concatenate([error, sigma, horizontal, nees], axis=-1).reshape(runs, -1)
+        tests = np.stack([output.statistic, output.threshold, output.dof, output.alarm], axis=-1).reshape(runs, -1)
+        outputs = np.swapaxes(detail.doppler, 1, 2).reshape(runs, -1)
+        rpy = matrix_to_rpy(truth.C_nb)[0]
+        flight = np.array([truth.lla[0, 2], np.linalg.norm(truth.v_n[0]), *rpy])
+        return np.concatenate(
+            [
+                estimators,
+                tests,
+                detail.parity.reshape(runs, -1),
+                output.used,
+                outputs,
+                detail.discrepancy,
+                detail.in_use[:, None],
+                detail.hdop[:, None],
+                np.broadcast_to(flight, (runs, len(flight))),
+            ],
+            axis=-1,
+        )
+
+    def view(
+        self, time: float, truth: Truth | None, output: Output | None, controls: Controls, faulted: frozenset[str]
+    ) -> View:
+        """Diagram and scene of run 0."""
+        health: dict[str, Health] = {subject: "ok" for subject in SUBJECTS}
+        alarms: list[str] = []
+        if output is not None:
+            health |= {s: HEALTH[output.health[0, i]] for i, s in enumerate(SUBJECTS)}  # type: ignore[misc]
+            alarms = [f"{test} {subject}" for i, (test, subject) in enumerate(TESTS) if output.alarm[0, i]]
+        for name, on in controls.enabled.items():
+            if not on:
+                health[name] = "off"
+        blocks = self._blocks(output, controls, health, alarms, faulted)
+        return View(time=time, blocks=blocks, items=self._items(truth, output, health, faulted))
+
+    def _blocks(
+        self,
+        output: Output | None,
+        controls: Controls,
+        health: dict[str, Health],
+        alarms: list[str],
+        faulted: frozenset[str],
+    ) -> dict[str, BlockView]:
+        detail: Detail | None = None if output is None else output.detail
+
+        def sensor(name: str, text: str) -> BlockView:
+            number = sum(c.startswith(name + ".") for c in faulted)
+            off = not controls.enabled.get(name, True)
+            note = f", {number} faulted" if number else ""
+            return BlockView(health="off" if off else "faulted" if number else "ok", text="off" if off else text + note)
+
+        def instruments(cluster: str) -> BlockView:
+            lost = [k for k in (1, 2, 3) if health[f"imu.{cluster}.{k}"] != "ok"]
+            view = sensor(f"imu.{cluster}", f"{6 - 2 * len(lost)} of 6 axes")
+            worst: Health = "isolated" if lost and view.health == "ok" else view.health
+            return BlockView(health=worst, text=view.text)
+
+        def local(name: str) -> BlockView:
+            texts = {"ok": "in the master", "suspect": "withheld", "isolated": "excluded", "off": "no measurement"}
+            return BlockView(health=health[name], text=texts[health[name]])
+
+        satellites = "waiting" if detail is None else f"{int(detail.in_use[0])} satellites"
+        imu_alarms = sorted({a.split(" ")[1] for a in alarms if "imu." in a and a.count(".") == 2})
+        aid_alarms = [a for a in alarms if "imu." not in a]
+        isolated = [s for s in SUBJECTS if health[s] == "isolated"]
+        suspects = [s for s in SUBJECTS if health[s] == "suspect"]
+        used = [name for name in AIDS if health[name] == "ok"]
+        driver = controls.settings.driving_test
+        return {
+            "gps": sensor("gps", satellites),
+            "gyro": instruments("gyro"),
+            "accelerometer": instruments("accelerometer"),
+            "altimeter": sensor("altimeter", "damps height"),
+            "doppler": sensor("doppler", "3 axes"),
+            "imu-fdi": BlockView(
+                health="suspect" if imu_alarms else "ok",
+                text=" ".join(n.removeprefix("imu.") for n in imu_alarms)[:26] or f"{controls.settings.imu_driving_test}",
+            ),
+            "sins": BlockView(
+                health="ok", text="degraded IMU" if any(s.startswith("imu") for s in isolated) else "strapdown"
+            ),
+            "filter-gps": local("gps"),
+            "filter-doppler": local("doppler"),
+            "tests": BlockView(
+                health="suspect" if aid_alarms else "ok",
+                text=f"{len(aid_alarms)} alarm{'s' if len(aid_alarms) > 1 else ''}" if aid_alarms else f"{driver} drives",
+            ),
+            "supervisor": BlockView(
+                health="isolated" if isolated else "suspect" if suspects else "ok",
+                text=(", ".join(s.removeprefix("imu.") for s in isolated) + " out")
+                if isolated
+                else ("suspects " + ", ".join(s.removeprefix("imu.") for s in suspects))
+                if suspects
+                else "all trusted",
+            ),
+            "master": BlockView(health="ok" if used else "suspect", text=f"{len(used)} of {len(AIDS)} filters used"),
+        }
+
+    def _items(
+        self, truth: Truth | None, output: Output | None, health: dict[str, Health], faulted: frozenset[str]
+    ) -> dict[str, ItemView]:
+        def state(channel: str, subject: str) -> Health:
+            if health[subject] in ("isolated", "off"):
+                return health[subject]
+            return "faulted" if channel in faulted else health[subject]
+
+        items: dict[str, ItemView] = {}
+        for cluster, length in (("gyro", 1.0), ("accelerometer", 0.65)):
+            for i, axis in enumerate(AXES):
+                items[f"axis.{cluster}.{axis}"] = ItemView(
+                    vector=_vector(length * self._instruments.axes[i]),
+                    health=state(f"imu.{cluster}.{axis}", f"imu.{cluster}.{axis[0]}"),
+                )
+        for k in (1, 2, 3):
+            items[f"spin.{k}"] = ItemView(vector=_vector(0.8 * self._instruments.spin[k - 1]))
+            items[f"plane.{k}"] = ItemView(vector=_vector(self._instruments.normals[k - 1]))
+        detail: Detail | None = None if output is None else output.detail
+        for c, cluster in enumerate(CLUSTERS):
+            vector = (0.0, 0.0, 0.0)
+            alarm = False
+            if output is not None and detail is not None:
+                column = TESTS.index(("parity", f"imu.{cluster}"))
+                ratio = np.sqrt(output.statistic[0, column] / output.threshold[0, column])
+                p = detail.parity[0, c]
+                vector = _vector(p / max(float(np.linalg.norm(p)), 1e-30) * min(float(ratio), 2.0))
+                alarm = bool(output.alarm[0, column])
+            items[f"parity.{cluster}"] = ItemView(
+                vector=vector, health="suspect" if alarm else "ok", visible=output is not None
+            )
+        everything = any(name.startswith("gps.") and name.endswith(".all") for name in faulted)
+        for i, slot in enumerate(SLOTS):
+            line = None if detail is None else detail.lines[i]
+            seen = line is not None and bool(np.isfinite(line[0]))
+            broken = everything or any(f"gps.{q}.{slot}" in faulted for q in ("pseudorange", "delta_range"))
+            fate: Health = "faulted" if broken else "isolated" if health["gps"] in ("isolated", "off") else "ok"
+            items[f"satellite.{slot}"] = ItemView(
+                vector=_vector(2.2 * line) if seen and line is not None else None, health=fate, visible=seen
+            )
+        if truth is not None:
+            items["aircraft"] = ItemView(rotation=_quaternion(truth.C_nb[0]))
+        else:
+            items["aircraft"] = ItemView(rotation=(1.0, 0.0, 0.0, 0.0))
+        return items
+
+
+def _vector(v: Array) -> tuple[float, float, float]:
+    return (float(v[0]), float(v[1]), float(v[2]))
+
+
+def _quaternion(C: Array) -> tuple[float, float, float, float]:
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(C).as_quat()
+    return (float(w), float(x), float(y), float(z))

@@ -97,8 +97,8 @@ def propagate(state: InsState, omega_b: Array, f_b: Array, dt: float) -> tuple[I
 def _change_stencil(count: int) -> Array:
     """Matrix (count, count) that takes sample means to what their change contributes to coning and sculling.
 
-    With a + b t + c t^2 + d t^3 about the middle of a sample of unit length, half the integral of alpha x omega (alpha
-    the integral of omega) is a x (b / 12 + d / 80), plus b x c / 240 terms left out. Each row fits the polynomial to the
+    With omega = a + b t + c t^2 + d t^3 about the middle of a sample of unit length and alpha its integral, half the
+    integral of alpha x omega is a x (b / 12 + d / 80), less b x c / 240, left out. Each row fits the polynomial to the
     means of the five nearest samples, off-centre at the ends of the interval, fewer if there are no five.
     """
     width = min(5, count)
@@ -182,6 +182,16 @@ Vector: TypeAlias = Sequence[Component]
 _XYZ: Final = (0, 1, 2)
 
 
+def components(columns: Array) -> tuple[Any, list[Component]]:
+    """Rows of ``columns`` (n, runs) as components, and the module, ``math`` or ``numpy``, whose functions take them."""
+    if columns.shape[1] == 1:
+        floats = columns[:, 0].tolist()
+        # An absurd (infinite) reading becomes nan in numpy; math would raise.
+        if all(map(math.isfinite, floats)):
+            return math, floats
+    return np, list(columns)
+
+
 def _cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
@@ -244,13 +254,7 @@ def _slow(state: InsState, sums: Array, h1: float, time: float) -> tuple[InsStat
     columns[0:3] = state.lla.T
     columns[3:6] = state.v_n.T
     columns[6:18] = seen[..., 3:].transpose(0, 3, 2, 1).reshape(12, -1)
-    fn: Any = np
-    c: list[Component] = list(columns)
-    if runs == 1:
-        floats = columns[:, 0].tolist()
-        # An absurd (infinite) reading becomes nan in numpy; math would raise.
-        if all(map(math.isfinite, floats)):
-            fn, c = math, floats
+    fn, c = components(columns)
     v0, dv_mid, dp_mid, dv, dp = c[3:6], c[6:9], c[9:12], c[12:15], c[15:18]
     omega0, slow0, per_metre0 = _slow_terms(fn, c[0], c[2], v0)
 

@@ -33,7 +33,7 @@ MAX_SAMPLES: Final = 4_000_000
 """Longest trajectory that will be built, in IMU samples (about 11 hours at 100 Hz, 1 GB)."""
 
 
-def _field(unit: str, description: str, default: Any = ..., **limits: float) -> Any:
+def _field(unit: str, description: str, default: Any = ..., **limits: Any) -> Any:
     return Field(default, description=description, json_schema_extra={"unit": unit}, **limits)
 
 
@@ -128,8 +128,8 @@ class Trajectory:
     """Truth at the IMU's step.
 
     At the N + 1 instants ``time`` [s]: ``lla`` (N+1, 3), ``v_n`` (N+1, 3) m/s, ``rpy`` (N+1, 3) roll, pitch, heading
-    [rad], ``C_nb`` (N+1, 3, 3). Over the N intervals of ``dt`` seconds between them: ``omega_b`` (N, 3) rad/s and ``f_b``
-    (N, 3) m/s^2, mean angular rate and mean specific force in the body frame. Arrays are read-only.
+    [rad], ``C_nb`` (N+1, 3, 3). Over the N intervals of ``dt`` seconds between them: ``omega_b`` (N, 3) rad/s and
+    ``f_b`` (N, 3) m/s^2, mean angular rate and mean specific force in the body frame. Arrays are read-only.
     """
 
     dt: float
@@ -145,7 +145,7 @@ class Trajectory:
             array.setflags(write=False)
 
     @cached_property
-    def C_nb(self) -> Array:  # noqa: N802 - the name of the quantity
+    def C_nb(self) -> Array:
         """True body-to-level matrices (N+1, 3, 3), made when first asked for."""
         C_nb = rpy_to_matrix(self.rpy)
         C_nb.setflags(write=False)
@@ -168,8 +168,8 @@ _Poly = Sequence[float]
 class _Profile:
     """Vertical speed, acceleration and turn rate as piecewise polynomials of time, grown segment by segment.
 
-    Each has degree five; coefficients are local to the piece, highest power first. Pieces are whole samples long: a joint
-    inside a sample would spoil the quadrature there.
+    Each has degree five; coefficients are local to the piece, highest power first. Pieces are whole samples long: a
+    joint inside a sample would spoil the quadrature there.
     """
 
     def __init__(self, speed: float, heading: float, dt: float) -> None:
@@ -355,8 +355,8 @@ def _integrate(rate: Array, start: float, dt: float) -> tuple[Array, Array]:
 def _positions(v_n: Array, height: Array, lla0: Array, dt: float) -> tuple[Array, Array, Array]:
     """Latitude at the points (n, 3), latitude and longitude at the end of each sample (n,).
 
-    ``v_n`` (n, 3, 3) and ``height`` (n, 3) are at the points. The latitude's own effect on the meridian radius is solved
-    by fixed-point iteration: it converges a hundredfold a turn.
+    ``v_n`` (n, 3, 3) and ``height`` (n, 3) are at the points. The latitude's own effect on the meridian radius is
+    solved by fixed-point iteration: it converges a hundredfold a turn.
     """
     lat = np.full(height.shape, lla0[0])
     for _ in range(20):
@@ -392,14 +392,14 @@ def _imu(motion: _Motion, lat: Array, height: Array) -> tuple[Array, Array]:
 def _fly(profile: _Profile, lla0: Array, count: int, dt: float) -> Trajectory:
     polynomials = profile.polynomials()
     climb = polynomials[0].antiderivative()
-    time = np.arange(count + 1) * dt
+    time: Array = np.arange(count + 1, dtype=np.float64) * dt
     lla = np.empty((count + 1, 3))
     lla[0] = lla0
     lla[:, 2] = lla0[2] + climb(time)
     omega_b, f_b = np.empty((count, 3)), np.empty((count, 3))
     for start in range(0, count, _BLOCK):
         end = min(start + _BLOCK, count)
-        points = time[start:end, None] + _POINTS * dt
+        points: Array = time[start:end, None] + _POINTS * dt
         motion = _motion(polynomials, points)
         height = lla0[2] + climb(points)
         lat, lla[start + 1 : end + 1, 0], lla[start + 1 : end + 1, 1] = _positions(motion.v_n, height, lla[start], dt)

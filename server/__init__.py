@@ -1,0 +1,1 @@
+"""The only room that knows HTTP: FastAPI routes over services over :mod:`ftcore`."""

@@ -1,0 +1,76 @@
+"""The application: services made and closed, guards around, routes inside."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import AsyncIterator
+from importlib import metadata
+from typing import Any
+
+from fastapi import APIRouter, FastAPI
+from starlette.middleware.gzip import GZipMiddleware
+
+from server import pages, problems, scene_proxy
+from server.openapi import describe
+from server.registry import ExperimentRegistry
+from server.routes import experiments, meta, operator, results, scenarios, stream, systems, time
+from server.scenes import Scenes
+from server.security import Doorkeeper, Security
+from server.settings import Settings
+
+SWITCH_INTERVAL = 0.001
+"""How long [s] a flight may keep the interpreter when the event loop wants it; Python's own is five times that."""
+
+
+def create_app(settings: Settings | None = None) -> FastAPI:
+    """FTLab as an ASGI application.
+
+    Args:
+        settings: what can be set; from the environment if absent.
+    """
+    settings = settings or Settings.from_environment()
+    doorkeeper = Doorkeeper(settings)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_INTERVAL)
+        app.state.registry = ExperimentRegistry(settings)
+        app.state.scenes = Scenes()
+        try:
+            yield
+        finally:
+            await app.state.scenes.close()
+            await app.state.registry.close()
+            sys.setswitchinterval(before)
+
+    app = FastAPI(
+        title="FTLab",
+        version=metadata.version("ftlab"),
+        summary="A laboratory for fault-tolerant navigation.",
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        openapi_url="/api/v1/openapi.json",
+        max_body_size=settings.max_body_bytes,
+        separate_input_output_schemas=False,
+    )
+    app.state.settings, app.state.doorkeeper = settings, doorkeeper
+    problems.install(app)
+    api = APIRouter(prefix="/api/v1")
+    for resource in (systems, scenarios, experiments, time, operator, results, meta, stream):
+        api.include_router(resource.router)
+    for router in (api, scene_proxy.router, pages.router):
+        app.include_router(router)
+    app.add_middleware(GZipMiddleware, minimum_size=1400, compresslevel=4)
+    app.add_middleware(Security, doorkeeper=doorkeeper)
+    describe(app, guarded=doorkeeper.guarded)
+    return app
+
+
+def __getattr__(name: str) -> Any:
+    """``server.app:app`` for those who run the application with their own ASGI server."""
+    if name == "app":
+        return create_app()
+    raise AttributeError(name)

@@ -1,0 +1,141 @@
+"""The ``ftlab`` command."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import webbrowser
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from server.settings import Settings, SettingsError
+
+application = typer.Typer(
+    help="FTLab: fly, break a sensor, see which test notices and what it costs in metres.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+class UserError(Exception):
+    """Something the person at the keyboard can put right; one line says how."""
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"ftlab {metadata.version('ftlab')}")
+        raise typer.Exit
+
+
+@application.callback(invoke_without_command=True)
+def _ftlab(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """Without a command: serve."""
+    if context.invoked_subcommand is None:
+        serve()
+
+
+@application.command()
+def serve(
+    host: Annotated[str | None, typer.Option(help="Address to bind; another than 127.0.0.1 needs FTLAB_TOKEN.")] = None,
+    port: Annotated[int | None, typer.Option(help="Port to bind; PORT in the environment says so too.")] = None,
+    open: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
+) -> None:
+    """Serve the page and the API on this machine."""
+    import uvicorn
+
+    from server.app import create_app
+
+    settings = Settings.from_environment(host=host, port=port)
+    _check_free(settings)
+    shown = f"[{settings.host}]" if ":" in settings.host else settings.host
+    address = f"http://{shown}:{settings.port}/"
+    typer.echo(f"FTLab at {address}  (stop with Ctrl-C)")
+    if open:
+        threading.Timer(1.0, webbrowser.open, [address]).start()
+    uvicorn.run(
+        create_app(settings),
+        host=settings.host,
+        port=settings.port,
+        ws="websockets-sansio",
+        ws_per_message_deflate=False,
+        ws_max_size=256 * 1024,
+        log_level="warning",
+        proxy_headers=False,
+        server_header=False,
+        timeout_graceful_shutdown=2,
+    )
+
+
+def _check_free(settings: Settings) -> None:
+    """Say in one line that the port is taken, rather than in uvicorn's many."""
+    import socket
+
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((settings.host, settings.port))
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise UserError(f"{settings.host}:{settings.port} cannot be bound: {reason}; try --port") from None
+
+
+@application.command()
+def scenarios() -> None:
+    """List the ready scenarios."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from ftcore import catalogue
+
+    table = Table(box=None, pad_edge=False)
+    for heading in ("scenario", "system", "what happens"):
+        table.add_column(heading, overflow="fold")
+    for scenario in catalogue.scenarios():
+        table.add_row(scenario.id, scenario.system, scenario.title)
+    Console().print(table)
+
+
+@application.command()
+def run(
+    scenario: Annotated[str, typer.Argument(help="Id of a ready scenario, or a JSON file.")],
+    runs: Annotated[int, typer.Option(help="How many runs, side by side.")] = 1,
+    seed: Annotated[int | None, typer.Option(help="Instead of the scenario's.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Where to write: .parquet, .csv or .html.")] = None,
+) -> None:
+    """Fly a scenario to its end and score it."""
+    from server import batch
+
+    batch.fly(scenario, runs, seed, out)
+
+
+def main() -> None:
+    """Entry point: whatever a person can put right ends in one line on stderr and exit code 2."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    import click
+
+    try:
+        status = application(standalone_mode=False)
+        sys.exit(status if isinstance(status, int) else 0)
+    except click.ClickException as error:
+        _leave(error.format_message())
+    except (SettingsError, UserError) as error:
+        _leave(str(error))
+    except (KeyboardInterrupt, click.Abort):
+        sys.exit(130)
+
+
+def _leave(message: str) -> None:
+    line = " ".join(message.split())
+    sys.stderr.write(f"ftlab: {line}\n")
+    sys.exit(2)

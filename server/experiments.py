@@ -1,0 +1,330 @@
+"""Experiment: a simulation, its clock, and who watches it.
+
+A simulation takes one caller at a time. Whoever wants it waits for the experiment's lock, in order; the clock flies in
+slices of a few milliseconds and lets go of the lock between them, so a command always lands between two epochs, soon.
+All work on a simulation is done in threads; the event loop only hands out turns.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Executor
+from typing import Any, Literal, Protocol, TypeVar
+
+from ftcore import CommandError, Fault, Simulation
+from ftcore.description import View
+from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
+from server.pacing import Pacer, Speed
+from server.problems import Refused
+
+T = TypeVar("T")
+SLICE = 0.012
+"""Longest turn of a clock [s]; the epoch that is under way is finished."""
+_log = logging.getLogger("ftlab")
+
+
+class Subscriber(Protocol):
+    """Someone who watches an experiment. Called on the event loop; must not block."""
+
+    def changed(self) -> None:
+        """There is something new."""
+
+    def rewound(self, to: float) -> None:
+        """Everything after ``to`` is history that never happened."""
+
+
+class Workers:
+    """Threads that fly, and the fair queue for them."""
+
+    def __init__(self, executor: Executor, threads: int) -> None:
+        self.executor = executor
+        self.turns = asyncio.Semaphore(threads)
+
+
+class Experiment:
+    """One experiment. Lives on the event loop.
+
+    Args:
+        id: its name in the API.
+        simulation: what flies; the experiment's alone from now on.
+        workers: who does the flying.
+        parent: the experiment it was forked from.
+        ghost_of: the experiment it is the fault-free twin of.
+    """
+
+    def __init__(
+        self,
+        id: str,
+        simulation: Simulation,
+        workers: Workers,
+        title: str | None = None,
+        parent: str | None = None,
+        ghost_of: str | None = None,
+    ) -> None:
+        self.id = id
+        self.title = title or simulation.scenario.title
+        self.parent = parent
+        self.ghost_of = ghost_of
+        self.description = simulation.description
+        self.version = 0
+        self.cursor: float | None = None
+        self.subscribers: set[Subscriber] = set()
+        self.rewinds: list[float] = []
+        self.reason: str | None = None
+        self._simulation = simulation
+        self._workers = workers
+        self._lock = asyncio.Lock()
+        self._state: State = "paused"
+        self._pacer = Pacer(simulation.period, 1.0, 0, 0.0)
+        self._nudge = asyncio.Event()
+        self._flight: asyncio.Task[None] | None = None
+        self._view: tuple[int, View] | None = None
+        self._busy: set[asyncio.Task[Any]] = set()
+        self.closed = False
+
+    # ---- taking turns ---------------------------------------------------------------------------------------------
+
+    async def read(self, look: Callable[[Simulation], T]) -> T:
+        """Look at the simulation, in a thread, while nobody else has it."""
+        return await self._alone(lambda: asyncio.to_thread(look, self._simulation))
+
+    async def command(self, do: Callable[[Simulation], T]) -> T:
+        """Do something to the simulation between two epochs; whoever watches is told.
+
+        Raises:
+            CommandError: refused, nothing has changed.
+        """
+        result = await self.read(do)
+        self._publish()
+        return result
+
+    async def _alone(self, work: Callable[[], Awaitable[T]]) -> T:
+        """Run ``work`` under the lock. A caller that gives up does not open the lock under a thread at work."""
+
+        async def locked() -> T:
+            async with self._lock:
+                return await work()
+
+        task = asyncio.ensure_future(locked())
+        self._busy.add(task)
+        task.add_done_callback(self._busy.discard)
+        return await asyncio.shield(task)
+
+    async def _turn(self, fly: Callable[[], None]) -> None:
+        """One slice of flight, in a worker."""
+        async with self._lock:
+            pass  # whoever waits for the simulation goes first, and no worker idles meanwhile
+        async with self._workers.turns:
+            loop = asyncio.get_running_loop()
+            await self._alone(lambda: loop.run_in_executor(self._workers.executor, fly))
+        self._publish()
+
+    def _fly_to(self, epoch: int) -> None:
+        """In a worker: step until ``epoch`` or until the slice is used up."""
+        enough = time.perf_counter() + SLICE
+        while self._simulation.epoch < epoch and not self._simulation.finished:
+            self._simulation.step()
+            if time.perf_counter() >= enough:
+                break
+
+    def _fly_by_the_clock(self) -> None:
+        """In a worker: fly what is due when the turn begins. A clock that was stopped meanwhile flies nowhere."""
+        pacer = self._pacer
+        if self._state == "running":
+            due = pacer.due(self._simulation.epoch, time.monotonic())
+            self._fly_to(self._simulation.last_epoch if due is None else due)
+            pacer.flown(self._simulation.epoch)
+
+    def _publish(self) -> None:
+        self.version += 1
+        if self._simulation.finished and self._state in ("paused", "running"):
+            self._state = "finished"
+        elif not self._simulation.finished and self._state == "finished":
+            self._state = "paused"
+        for subscriber in self.subscribers:
+            subscriber.changed()
+
+    # ---- the clock ------------------------------------------------------------------------------------------------
+
+    def set_clock(self, state: Literal["running", "paused"] | None, speed: Speed | None) -> None:
+        """Run, pause, or change the speed.
+
+        Raises:
+            Refused: the flight is over or has failed.
+        """
+        if state == "running":
+            self._may_fly()
+        starts = state == "running" and self._state == "paused"
+        if starts or speed is not None:
+            kept = self._pacer.speed if speed is None else speed
+            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, time.monotonic())
+        if starts:
+            self._state = "running"
+            if self._flight is None or self._flight.done():
+                self._flight = asyncio.create_task(self._run(), name=f"clock of {self.id}")
+        elif state == "paused" and self._state == "running":
+            self._state = "paused"
+        self._nudge.set()
+        self._publish()
+
+    def _may_fly(self) -> None:
+        if self._state == "failed":
+            raise Refused(409, f"the experiment has failed ({self.reason}); rewind it, or fork from before")
+        if self._state == "finished":
+            raise Refused(409, f"the flight is over at {self._simulation.now:g} s; rewind it, or fork from before")
+
+    async def _run(self) -> None:
+        """Fly at the clock's pace until paused, finished, failed or closed."""
+        while self._state == "running" and not self.closed:
+            self._nudge.clear()
+            wait = self._pacer.wait(self._simulation.epoch, time.monotonic())
+            if wait > 0.0 and await self._nudged_within(wait):
+                continue
+            try:
+                await self._turn(self._fly_by_the_clock)
+            except Exception as error:
+                self._fail(error)
+
+    async def _nudged_within(self, seconds: float) -> bool:
+        try:
+            await asyncio.wait_for(self._nudge.wait(), seconds)
+        except TimeoutError:
+            return False
+        return True
+
+    def _fail(self, error: Exception) -> None:
+        _log.exception("experiment %s failed", self.id, exc_info=error)
+        self._state = "failed"
+        self.reason = f"{type(error).__name__}: {error}".splitlines()[0][:300]
+        self._publish()
+
+    async def advance(self, goal: Callable[[Simulation], int]) -> None:
+        """Fly as fast as it goes to the epoch that ``goal`` says now; others get their turns in between.
+
+        Raises:
+            Refused: the experiment has failed, or fails on the way.
+        """
+        target = await self.read(goal)
+        while self._simulation.epoch < target and not self._simulation.finished and not self.closed:
+            if self._state == "failed":
+                self._may_fly()
+            try:
+                await self._turn(lambda: self._fly_to(target))
+            except Exception as error:
+                self._fail(error)
+
+    async def rewind(self, to: float) -> None:
+        """Go back to an earlier moment; the clock stops there. Raises CommandError outside the flight."""
+
+        def back(simulation: Simulation) -> float:
+            before = simulation.epoch
+            simulation.rewind(to)
+            # On the way out of the lock the clock must find itself stopped, so this is said here and not afterwards.
+            if simulation.epoch < before or self._state == "failed":
+                self._state, self.reason = "paused", None
+            return simulation.now
+
+        now = await self.read(back)
+        if self.cursor is not None and self.cursor > now:
+            self.cursor = None
+        self.rewinds.append(now)
+        for subscriber in self.subscribers:
+            subscriber.rewound(now)
+        self._publish()
+
+    # ---- what there is to see -------------------------------------------------------------------------------------
+
+    async def state(self) -> ExperimentState:
+        """The experiment as it stands."""
+        return await self.read(self.describe)
+
+    def describe(self, simulation: Simulation) -> ExperimentState:
+        """The experiment as it stands, for one who has the simulation."""
+        scenario = simulation.scenario
+        return ExperimentState(
+            id=self.id,
+            title=self.title,
+            system=self.description.id,
+            seed=simulation.seed,
+            scenario=ScenarioLabel(id=scenario.id, title=scenario.title, hint=scenario.hint),
+            clock=ClockState(
+                state=self._state,
+                time=simulation.now,
+                epoch=simulation.epoch,
+                speed=self._pacer.speed,
+                duration=simulation.duration,
+                reason=self.reason,
+            ),
+            faults=[_shown(live.fault, live.unit, live.state) for live in simulation.faults],
+            subsystems={
+                name: SubsystemStatus.model_validate(status, from_attributes=True)
+                for name, status in simulation.subsystems.items()
+            },
+            settings=simulation.settings,
+            parent=self.parent,
+            ghost_of=self.ghost_of,
+        )
+
+    async def view(self) -> View:
+        """Diagram and scene of the newest epoch; drawn up once for all who ask."""
+
+        def look(simulation: Simulation) -> View:
+            if self._view is None or self._view[0] != self.version:
+                self._view = (self.version, simulation.view())
+            return self._view[1]
+
+        return await self.read(look)
+
+    async def show(self, time: float | None) -> None:
+        """Move the scene's cursor to a past moment, or to the newest epoch (None).
+
+        Raises:
+            CommandError: outside the flight so far.
+        """
+
+        def check(simulation: Simulation) -> None:
+            if time is not None and time > simulation.now + 1e-9:
+                raise CommandError(
+                    "time", f"{time:g} s lies outside the flight so far, which is 0 to {simulation.now:g} s"
+                )
+
+        await self.read(check)
+        self.cursor = time
+        for subscriber in self.subscribers:
+            subscriber.changed()
+
+    async def close(self) -> None:
+        """Stop the clock and wait until nobody is at work on the simulation."""
+        self.closed = True
+        self._nudge.set()
+        for subscriber in self.subscribers:
+            subscriber.changed()
+        if self._flight is not None:
+            await self._flight
+        await asyncio.gather(*self._busy, return_exceptions=True)
+
+
+def fault_state(simulation: Simulation, fault: Fault) -> FaultState:
+    """A fault as the API shows it; one that is no longer in the simulation has ended."""
+    for live in simulation.faults:
+        if live.fault.id == fault.id:
+            return _shown(live.fault, live.unit, live.state)
+    return _shown(fault, fault.unit, "ended")
+
+
+def _shown(fault: Fault, unit: str | None, state: Literal["armed", "active", "ended"]) -> FaultState:
+    return FaultState(
+        id=str(fault.id),
+        channel=fault.channel,
+        kind=fault.kind,
+        magnitude=fault.magnitude,
+        unit=unit,
+        start=fault.start or 0.0,
+        end=fault.end,
+        angular_frequency=fault.angular_frequency,
+        rate=fault.rate,
+        state=state,
+    )

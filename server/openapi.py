@@ -1,0 +1,72 @@
+"""The OpenAPI document: what FastAPI finds, plus the shape of problems and the token."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from server.problems import Problem
+
+DESCRIPTION = """Fly a scenario, break a sensor, see which test notices and what it costs in metres.
+
+Values of signals are SI; each signal's description says in which unit a person is shown it, and the factor between.
+Errors are problem details (RFC 9457). 422: the request does not fit these schemas. 409: it fits, but contradicts
+itself or the experiment. Either way nothing has changed.
+
+Live data: WebSocket `/api/v1/experiments/{id}/stream`.
+"""
+TAGS = {
+    "systems": "what can fly, and how it describes itself",
+    "scenarios": "ready documents, and their schema",
+    "experiments": "scenarios in flight",
+    "time": "clock, advance, rewind",
+    "operator": "faults, switches, settings",
+    "results": "series, events, score, replay, report",
+    "server": "whether it is alive, and what runs",
+}
+
+
+def describe(app: FastAPI, guarded: bool) -> None:
+    """Make the application give this document; drawn up at the first request."""
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = _document(app, guarded)
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _document(app: FastAPI, guarded: bool) -> dict[str, Any]:
+    document = get_openapi(
+        title=app.title,
+        version=app.version,
+        summary=app.summary,
+        description=DESCRIPTION,
+        routes=app.routes,
+        tags=[{"name": name, "description": text} for name, text in TAGS.items()],
+        separate_input_output_schemas=False,
+    )
+    schemas = document.setdefault("components", {}).setdefault("schemas", {})
+    schema = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    schemas |= schema.pop("$defs", {})
+    schemas["Problem"] = schema
+    for unused in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(unused, None)
+    for methods in document["paths"].values():
+        for operation in methods.values():
+            _without_fastapis_error(operation["responses"])
+    if guarded:
+        document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+        document["security"] = [{"token": []}]
+        document["paths"]["/api/v1/health"]["get"]["security"] = []
+    return document
+
+
+def _without_fastapis_error(responses: dict[str, Any]) -> None:
+    """FastAPI documents its own 422 wherever a route has parameters; here it is a problem, or not answered at all."""
+    content = responses.get("422", {}).get("content", {})
+    if "HTTPValidationError" in str(content.get("application/json", {})):
+        del responses["422"]

@@ -1,0 +1,134 @@
+"""All experiments: made, found, forked, deleted, and never more than the cap."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from pydantic import ValidationError
+
+from ftcore import Scenario, Simulation, catalogue
+from ftcore.scenario import Change, Clear, Inject
+from server import problems
+from server.experiments import Experiment, Workers
+from server.problems import Refused, at
+from server.settings import Settings
+
+
+class ExperimentRegistry:
+    """The experiments of this server. Lives on the event loop."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self._experiments: dict[str, Experiment] = {}
+        self._reserved = 0
+        self._executor = ThreadPoolExecutor(settings.workers, thread_name_prefix="flight")
+        self._workers = Workers(self._executor, settings.workers)
+
+    def __len__(self) -> int:
+        """Live experiments."""
+        return len(self._experiments)
+
+    def all(self) -> list[Experiment]:
+        """All experiments, oldest first."""
+        return list(self._experiments.values())
+
+    def get(self, id: str) -> Experiment:
+        """One experiment. Raises Refused (404) if there is none of that id."""
+        if id not in self._experiments:
+            raise Refused(404, f"no experiment {id!r}; GET /api/v1/experiments lists those there are")
+        return self._experiments[id]
+
+    async def create(self, scenario: Scenario, seed: int | None = None, title: str | None = None) -> Experiment:
+        """A new experiment, paused at t = 0. Raises Refused (429) at the cap."""
+        return await self._add(lambda: Simulation(scenario, seed=seed, max_epochs=self.settings.max_epochs), title)
+
+    async def fork(self, parent: Experiment, at: float | None, title: str | None) -> Experiment:
+        """A second flight that shares the past of ``parent``. Raises CommandError outside the flight."""
+        with self._room():
+            branch = await parent.read(lambda simulation: simulation.fork(at))
+            return self._enter(branch, title or f"{parent.title} (branch)", parent=parent.id)
+
+    async def ghost(self, original: Experiment) -> Experiment:
+        """The same flight without any fault, flown to the same time."""
+        document, epoch = await original.read(lambda simulation: (simulation.document(), simulation.epoch))
+        scenario = without_faults(document)
+        ghost = await self._add(
+            lambda: Simulation(scenario, max_epochs=self.settings.max_epochs),
+            f"{original.title} (without faults)",
+            ghost_of=original.id,
+        )
+        await ghost.advance(lambda _: epoch)
+        return ghost
+
+    async def delete(self, id: str) -> None:
+        """Stop and forget an experiment. Raises Refused (404) if there is none of that id."""
+        experiment = self.get(id)
+        del self._experiments[id]
+        await experiment.close()
+
+    async def close(self) -> None:
+        """Stop everything."""
+        await asyncio.gather(*(self.delete(id) for id in list(self._experiments)))
+        self._executor.shutdown()
+
+    async def _add(self, make: Callable[[], Simulation], title: str | None, **relation: str) -> Experiment:
+        with self._room():
+            simulation = await asyncio.to_thread(make)
+            return self._enter(simulation, title, **relation)
+
+    def _enter(self, simulation: Simulation, title: str | None, **relation: str) -> Experiment:
+        id = secrets.token_hex(4)
+        experiment = Experiment(id, simulation, self._workers, title, **relation)
+        self._experiments[id] = experiment
+        return experiment
+
+    def _room(self) -> _Reservation:
+        cap = self.settings.max_experiments
+        if len(self._experiments) + self._reserved >= cap:
+            raise Refused(429, f"there are {cap} experiments already, the most this server takes; delete one first")
+        return _Reservation(self)
+
+    def reserve(self, places: int) -> None:
+        """Keep a place for an experiment that is being made."""
+        self._reserved += places
+
+
+class _Reservation:
+    """A place kept while an experiment is being made in a thread."""
+
+    def __init__(self, registry: ExperimentRegistry) -> None:
+        self._registry = registry
+
+    def __enter__(self) -> None:
+        self._registry.reserve(1)
+
+    def __exit__(self, *_: object) -> None:
+        self._registry.reserve(-1)
+
+
+def scenario_from(given: str | dict[str, Any]) -> Scenario:
+    """A ready scenario by id, or a document, strictly read.
+
+    Raises:
+        Refused: 404 unknown id, 422 not a scenario, 409 a scenario that contradicts itself.
+    """
+    if isinstance(given, str):
+        try:
+            return catalogue.scenario(given)
+        except catalogue.CatalogueError as error:
+            raise Refused(404, str(error), [at(["scenario"], str(error))]) from None
+    try:
+        return Scenario.model_validate_json(json.dumps(given), strict=True)
+    except ValidationError as error:
+        raise problems.from_validation(error, given, Scenario, prefix=("scenario",)) from None
+
+
+def without_faults(scenario: Scenario) -> Scenario:
+    """The scenario with everything the operator did, except faults."""
+    kept = tuple(command for command in scenario.commands if not isinstance(command, Inject | Change | Clear))
+    return scenario.model_copy(update={"faults": (), "commands": kept})

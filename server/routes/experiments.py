@@ -1,0 +1,79 @@
+"""Experiments: made, listed, forked, deleted."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from server.dependencies import Live, Registry, SceneServers
+from server.models import ExperimentState, Fork, NewExperiment
+from server.problems import documented
+from server.registry import scenario_from
+
+router = APIRouter(prefix="/experiments", tags=["experiments"])
+
+
+@router.post(
+    "",
+    operation_id="createExperiment",
+    summary="Fly a scenario",
+    status_code=201,
+    responses=documented(400, 404, 409, 413, 415, 422, 429),
+)
+async def create_experiment(body: NewExperiment, registry: Registry, response: Response) -> ExperimentState:
+    """A new experiment, paused at t = 0."""
+    experiment = await registry.create(scenario_from(body.scenario), body.seed, body.title)
+    response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
+    return await experiment.state()
+
+
+@router.get("", operation_id="listExperiments", summary="All experiments", responses=documented())
+async def list_experiments(registry: Registry) -> list[ExperimentState]:
+    """All live experiments, oldest first."""
+    return [await experiment.state() for experiment in registry.all()]
+
+
+@router.get("/{id}", operation_id="getExperiment", summary="One experiment", responses=documented(404))
+async def get_experiment(experiment: Live) -> ExperimentState:
+    """The experiment as it stands."""
+    return await experiment.state()
+
+
+@router.delete(
+    "/{id}",
+    operation_id="deleteExperiment",
+    summary="Stop and forget an experiment",
+    status_code=204,
+    responses=documented(404),
+)
+async def delete_experiment(experiment: Live, registry: Registry, scenes: SceneServers) -> None:
+    """Stops its clock, its scene and its streams. What it recorded is gone."""
+    await registry.delete(experiment.id)
+    await scenes.forget(experiment.id)
+
+
+@router.post(
+    "/{id}/fork",
+    operation_id="forkExperiment",
+    summary="Branch off",
+    status_code=201,
+    responses=documented(400, 404, 409, 413, 415, 422, 429),
+)
+async def fork_experiment(body: Fork, experiment: Live, registry: Registry, response: Response) -> ExperimentState:
+    """A second experiment that shares the past of this one up to ``at``, and its noise ever after. It is paused."""
+    branch = await registry.fork(experiment, body.at, body.title)
+    response.headers["location"] = f"/api/v1/experiments/{branch.id}"
+    return await branch.state()
+
+
+@router.post(
+    "/{id}/ghost",
+    operation_id="ghostExperiment",
+    summary="The same flight without faults",
+    status_code=201,
+    responses=documented(404, 409, 429),
+)
+async def ghost_experiment(experiment: Live, registry: Registry, response: Response) -> ExperimentState:
+    """A twin with the same scenario, seed and commands, but without any fault, flown to the same time. It is paused."""
+    ghost = await registry.ghost(experiment)
+    response.headers["location"] = f"/api/v1/experiments/{ghost.id}"
+    return await ghost.state()

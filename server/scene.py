@@ -1,0 +1,297 @@
+"""A system's geometry drawn with viser: whatever its scene items say, and nothing known about any single system.
+
+Handles are made once; an update only says what has changed. Colour tells the family, health overrides it, and the label
+says the health in words, so that colour is never alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import viser
+
+from ftcore.description import Health, ItemView, SceneItem, View
+from server import shapes
+
+Colour = tuple[int, int, int]
+Vector = tuple[float, float, float]
+
+FAMILIES: tuple[Colour, ...] = (
+    (86, 180, 233),
+    (0, 158, 115),
+    (204, 121, 167),
+    (230, 159, 0),
+    (0, 114, 178),
+    (148, 148, 160),
+)
+"""Okabe-Ito without vermilion and yellow, which mean something here."""
+
+HEALTH: dict[Health, Colour] = {
+    "faulted": (213, 94, 0),
+    "suspect": (240, 228, 66),
+    "isolated": (128, 128, 128),
+    "off": (84, 84, 84),
+}
+WORDS: dict[Health, str] = {"faulted": " · fault", "suspect": " · alarm", "isolated": " · isolated", "off": " · off"}
+
+LEVEL_FLIGHT = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
+"""Body (forward, right, down) to level (east, north, up), flying north: shown until an attitude is known."""
+
+FIELD_OF_VIEW = math.radians(50.0)
+FROM = np.array([0.62, -0.68, 0.40])
+"""Where the camera stands, as a direction from the middle."""
+LEAST_RADIUS = 1.1
+MOST_PATH_POINTS = 2000
+
+
+class Drawn(Protocol):
+    """Something in the scene that can be brought up to date."""
+
+    def show(self, view: ItemView, time: float) -> None:
+        """Draw the item as it is at ``time``."""
+
+
+class Scene:
+    """The drawing of one system on one viser server. Not thread-safe."""
+
+    def __init__(self, server: viser.ViserServer, items: Sequence[SceneItem]) -> None:
+        self._server = server
+        self._radius = 0.0
+        families = {family: i for i, family in enumerate(dict.fromkeys(item.family for item in items))}
+        scene = server.scene
+        scene.set_up_direction("+z")
+        self._body = scene.add_frame("/body", show_axes=False, wxyz=LEVEL_FLIGHT)
+        if any(item.frame == "level" for item in items):
+            _draw_level(scene)
+        self._drawn: dict[str, Drawn] = {}
+        for i, item in enumerate(items):
+            name = f"/body/item{i}" if item.frame == "body" or item.kind == "aircraft" else f"/item{i}"
+            colour = FAMILIES[families[item.family] % len(FAMILIES)]
+            self._drawn[item.id] = _DRAW[item.kind](scene, name, item, colour)
+        self._shown: dict[str, ItemView] = {}
+        self._look(LEAST_RADIUS)
+
+    def show(self, view: View) -> None:
+        """Bring the drawing up to date, in one go."""
+        with self._server.atomic():
+            for id, drawn in self._drawn.items():
+                item = view.items.get(id)
+                if item is None:
+                    continue
+                before = self._shown.get(id)
+                if item.rotation is not None and (before is None or before.rotation != item.rotation):
+                    self._body.wxyz = item.rotation
+                if before != item or isinstance(drawn, _Path):
+                    drawn.show(item, view.time)
+                    self._shown[id] = item
+            lengths = [math.hypot(*v.vector) for v in view.items.values() if v.vector is not None and v.visible]
+            if lengths and max(lengths) > self._radius:
+                self._look(max(lengths))
+        self._server.flush()
+
+    def _look(self, radius: float) -> None:
+        """Stand where everything within ``radius`` is seen; who is looking already is taken along."""
+        self._radius = radius
+        position = FROM / np.linalg.norm(FROM) * radius * 1.12 / math.sin(0.5 * FIELD_OF_VIEW)
+        camera = self._server.initial_camera
+        camera.fov, camera.position, camera.look_at = FIELD_OF_VIEW, tuple(position), (0.0, 0.0, 0.0)
+        for client in self._server.get_clients().values():
+            client.camera.fov, client.camera.position = FIELD_OF_VIEW, tuple(position)
+            client.camera.look_at = (0.0, 0.0, 0.0)
+
+
+def colour_of(health: Health, family: Colour) -> Colour:
+    """Colour of an item: its health's, or its family's where all is well."""
+    return HEALTH.get(health, family)
+
+
+def _draw_level(scene: Any) -> None:
+    """A quiet ground with north and east on it."""
+    scene.add_grid(
+        "/level",
+        width=4.0,
+        height=4.0,
+        position=(0.0, 0.0, -0.9),
+        cell_size=0.5,
+        section_size=2.0,
+        cell_color=(112, 112, 112),
+        section_color=(128, 128, 128),
+        cell_thickness=0.6,
+        section_thickness=0.9,
+        shadow_opacity=0.0,
+    )
+    for text, position in (("N", (0.0, 2.1, -0.9)), ("E", (2.1, 0.0, -0.9))):
+        scene.add_label(f"/level/{text}", text, position=(position[0], position[1], 0.0), anchor="center-center")
+
+
+class _Labelled:
+    """The part that all items share: colour, label with the health in words, visibility."""
+
+    def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
+        self._family = colour
+        self._text = item.label
+        self._label = scene.add_label(
+            f"{name}/label", item.label, anchor="center-center", font_screen_scale=0.9, visible=False
+        )
+        self._health: Health = "ok"
+
+    def _mark(self, view: ItemView, at: Vector, paint: Callable[[Colour], None]) -> None:
+        self._label.visible = view.visible
+        self._label.position = at
+        if view.health != self._health:
+            self._health = view.health
+            self._label.text = self._text + WORDS.get(view.health, "")
+            paint(colour_of(view.health, self._family))
+
+
+class _Arrow(_Labelled):
+    """An axis, a spin axis or a free vector: an arrow from the origin of its frame."""
+
+    def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
+        super().__init__(scene, name, item, colour)
+        radius = {"axis": 0.014, "spin": 0.008, "vector": 0.022}[item.kind]
+        self._arrow = scene.add_arrows(
+            name,
+            _from_origin(item.vector or (0.0, 0.0, 1e-3)),
+            np.array([colour], np.uint8),
+            shaft_radius=radius,
+            head_radius=2.6 * radius,
+            head_length=7.0 * radius,
+            visible=False,
+        )
+
+    def show(self, view: ItemView, time: float) -> None:
+        vector = view.vector or (0.0, 0.0, 0.0)
+        length = math.hypot(*vector)
+        visible = view.visible and math.isfinite(length) and length > 1e-6
+        self._arrow.visible = visible
+        if visible:
+            self._arrow.points = _from_origin(vector)
+        self._mark(view.model_copy(update={"visible": visible}), _beyond(vector, 0.08), self._paint)
+
+    def _paint(self, colour: Colour) -> None:
+        self._arrow.colors = np.array([colour], np.uint8)
+
+
+class _Plane(_Labelled):
+    """A square patch through the origin, given by its normal."""
+
+    def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
+        super().__init__(scene, name, item, colour)
+        vertices, faces = shapes.square(0.7)
+        self._patch = scene.add_mesh_simple(
+            name, vertices, faces, color=colour, opacity=0.22, side="double", cast_shadow=False, receive_shadow=False,
+            visible=False,
+        )  # fmt: skip
+
+    def show(self, view: ItemView, time: float) -> None:
+        vector = view.vector or (0.0, 0.0, 1.0)
+        self._patch.visible = view.visible
+        self._patch.wxyz = shapes.turn_z_to(vector)
+        self._mark(view, (0.62, 0.62, 0.0), self._paint)
+
+    def _paint(self, colour: Colour) -> None:
+        self._patch.color = colour
+
+
+class _LineOfSight(_Labelled):
+    """A line with a ball at its end."""
+
+    def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
+        super().__init__(scene, name, item, colour)
+        self._line = scene.add_line_segments(
+            name, _from_origin((0.0, 0.0, 1e-3)), colour, thickness=1.5, thickness_units="screen", visible=False
+        )
+        self._ball = scene.add_icosphere(
+            f"{name}/ball", radius=0.05, color=colour, subdivisions=2, cast_shadow=False, receive_shadow=False
+        )
+
+    def show(self, view: ItemView, time: float) -> None:
+        visible = view.visible and view.vector is not None
+        self._line.visible = visible
+        vector = view.vector or (0.0, 0.0, 0.0)
+        if visible:
+            self._line.points = _from_origin(vector)
+            self._ball.position = vector
+        self._mark(view.model_copy(update={"visible": visible}), _beyond(vector, 0.12), self._paint)
+
+    def _paint(self, colour: Colour) -> None:
+        self._line.colors = np.array([[colour, colour]], np.uint8)
+        self._ball.color = colour
+
+
+class _Aircraft(_Labelled):
+    """The aircraft, nose along the body's first axis; the scene turns the body frame."""
+
+    def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
+        super().__init__(scene, name, item, colour)
+        vertices, faces = shapes.aircraft(0.55)
+        self._hull = scene.add_mesh_simple(
+            name, vertices, faces, color=colour, opacity=0.5, side="double", flat_shading=True, cast_shadow=False,
+            receive_shadow=False,
+        )  # fmt: skip
+
+    def show(self, view: ItemView, time: float) -> None:
+        self._hull.visible = view.visible
+        self._mark(view.model_copy(update={"visible": False}), (0.0, 0.0, 0.0), self._paint)
+
+    def _paint(self, colour: Colour) -> None:
+        self._hull.color = colour
+
+
+class _Path(_Labelled):
+    """The way of a point: where it has been up to the moment shown."""
+
+    def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
+        super().__init__(scene, name, item, colour)
+        self._line = scene.add_line_segments(
+            name, np.zeros((1, 2, 3), np.float32), colour, thickness=2.0, thickness_units="screen", visible=False
+        )
+        self._colour = colour
+        self._way: list[tuple[float, Vector]] = []
+
+    def show(self, view: ItemView, time: float) -> None:
+        self._way = [(t, point) for t, point in self._way if t < time]
+        if view.vector is not None:
+            self._way.append((time, view.vector))
+        if len(self._way) > MOST_PATH_POINTS:
+            self._way = self._way[::2]
+        visible = view.visible and len(self._way) > 1
+        self._line.visible = visible
+        end = view.vector or (0.0, 0.0, 0.0)
+        self._mark(view.model_copy(update={"visible": visible}), end, self._paint)
+        if visible:
+            points = np.array([point for _, point in self._way], np.float32)
+            self._line.points = np.stack([points[:-1], points[1:]], axis=1)
+            self._paint(self._colour)
+
+    def _paint(self, colour: Colour) -> None:
+        self._colour = colour
+        self._line.colors = np.broadcast_to(np.array(colour, np.uint8), (len(self._line.points), 2, 3)).copy()
+
+
+_DRAW: dict[str, Callable[[Any, str, SceneItem, Colour], Drawn]] = {
+    "axis": _Arrow,
+    "spin": _Arrow,
+    "vector": _Arrow,
+    "plane": _Plane,
+    "line-of-sight": _LineOfSight,
+    "aircraft": _Aircraft,
+    "path": _Path,
+}
+
+
+def _from_origin(vector: Vector) -> np.ndarray:
+    return np.array([[(0.0, 0.0, 0.0), vector]], np.float32)
+
+
+def _beyond(vector: Vector, gap: float) -> Vector:
+    """A point a little further out than the tip."""
+    length = math.hypot(*vector)
+    if length < 1e-9:
+        return (0.0, 0.0, gap)
+    scale = 1.0 + gap / length
+    return (vector[0] * scale, vector[1] * scale, vector[2] * scale)

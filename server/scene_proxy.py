@@ -1,0 +1,122 @@
+"""viser on the page's own origin: its client as one file, its socket through a filter.
+
+The browser talks to FTLab's port only. Whatever a browser says to viser is decoded and let through by type: it may tell
+where its camera is, and nothing else. So no tunnel, no file, no script can be asked for.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+
+import msgspec
+import viser
+import websockets
+from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi.responses import RedirectResponse
+
+from server.dependencies import Live, LiveSocket
+from server.scenes import SECRET_HEADER, Scenes
+from server.security import SCENE_POLICY
+from server.tasks import until_one_ends
+
+ALLOWED = frozenset({"ViewerCameraMessage"})
+"""Types of messages that a browser may send to viser."""
+MAX_INBOUND = 64 * 1024
+HIDE = (
+    b"<style>[data-floating-window],#root .mantine-Paper-root,#webgl-software-rendering{display:none!important}</style>"
+)
+"""viser's own panels; a browser test guards that this hides them."""
+_PASSED_CLOSE_CODES = (1000, 1001, 1002, 1003, 1008, 1011)
+
+router = APIRouter(include_in_schema=False)
+
+
+class _Typed(msgspec.Struct):
+    type: str
+
+
+_decoder = msgspec.msgpack.Decoder(_Typed)
+
+
+def may_pass(message: bytes) -> bool:
+    """Whether viser may hear this from a browser."""
+    if len(message) > MAX_INBOUND:
+        return False
+    try:
+        return _decoder.decode(message).type in ALLOWED
+    except msgspec.MsgspecError:
+        return False
+
+
+@lru_cache(maxsize=1)
+def client_page() -> tuple[bytes, bytes, str]:
+    """viser's client with its panels hidden: plain, compressed, and its entity tag."""
+    page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+    page = page.replace(b"</head>", HIDE + b"</head>", 1) if b"</head>" in page else HIDE + page
+    return page, gzip.compress(page, 6), f'"{hashlib.sha256(page).hexdigest()[:16]}"'
+
+
+@router.get("/experiments/{id}/scene")
+async def scene_without_slash(experiment: Live, request: Request) -> Response:
+    """The scene's address ends with a slash, since its socket is found beside it."""
+    query = f"?{request.url.query}" if request.url.query else ""
+    return RedirectResponse(f"/experiments/{experiment.id}/scene/{query}", status_code=307)
+
+
+@router.get("/experiments/{id}/scene/")
+async def scene_page(experiment: Live, request: Request) -> Response:
+    """viser's client. ``?darkMode`` darkens it."""
+    plain, compressed, tag = client_page()
+    headers = {"content-security-policy": SCENE_POLICY, "etag": tag, "cache-control": "no-cache"}
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers=headers)
+    if "gzip" in request.headers.get("accept-encoding", ""):
+        headers |= {"content-encoding": "gzip", "vary": "accept-encoding"}
+        return Response(compressed, media_type="text/html", headers=headers)
+    return Response(plain, media_type="text/html", headers=headers)
+
+
+@router.websocket("/experiments/{id}/scene")
+@router.websocket("/experiments/{id}/scene/")
+async def scene_socket(socket: WebSocket, experiment: LiveSocket) -> None:
+    """viser's socket, filtered. Connected to viser first, so that the same subprotocol can be accepted."""
+    if experiment is None:
+        await socket.close(1008)
+        return
+    scenes: Scenes = socket.app.state.scenes
+    scene = await scenes.of(experiment)
+    protocols = [websockets.Subprotocol(p) for p in socket.scope.get("subprotocols", []) if p.startswith("viser-v")]
+    async with websockets.connect(
+        f"ws://127.0.0.1:{scene.port}/",
+        subprotocols=protocols or None,
+        additional_headers={SECRET_HEADER: scene.secret},
+        compression=None,
+        max_size=None,
+        open_timeout=5,
+        proxy=None,
+    ) as upstream:
+        await socket.accept(subprotocol=upstream.subprotocol)
+        scene.entered()
+        try:
+            await until_one_ends(_to_browser(upstream, socket), _to_viser(socket, upstream))
+        finally:
+            scene.left()
+        code = upstream.close_code if upstream.close_code in _PASSED_CLOSE_CODES else 1000
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+            await socket.close(code)
+
+
+async def _to_browser(upstream: websockets.ClientConnection, socket: WebSocket) -> None:
+    async for message in upstream:
+        if isinstance(message, bytes):
+            await socket.send_bytes(message)
+
+
+async def _to_viser(socket: WebSocket, upstream: websockets.ClientConnection) -> None:
+    async for message in socket.iter_bytes():
+        if may_pass(message):
+            await upstream.send(message)

@@ -1,0 +1,249 @@
+"""What a browser is sent while an experiment flies, and how a slow one is spared.
+
+Nothing is queued. A viewer is a position in the recording; when it may be sent something it gets what is new since that
+position, thinned to a bounded size by keeping extremes. At most :data:`CREDIT` unacknowledged frames are under way, so
+one that lags gets fewer and newer frames, and the experiment never waits for anyone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from typing import Any
+
+import msgspec
+import orjson
+from fastapi import WebSocket, WebSocketDisconnect
+
+from ftcore import Simulation
+from server.descriptions import signals_with_factors
+from server.experiments import Experiment
+from server.models import ExperimentState
+from server.series import Columns, columns, rows_for
+from server.tasks import until_one_ends
+
+CREDIT = 3
+"""Unacknowledged frames before a viewer is left alone."""
+INTERVAL = 0.05
+"""Least time between two pushes [s]."""
+MAX_SIGNALS = 500
+MAX_EVENTS = 500
+"""Most events in one push; a viewer further behind gets the newest, and reads the rest over REST."""
+MAX_MESSAGE = 100_000
+"""Longest message that a viewer may send [bytes]."""
+
+UNKNOWN, GONE, BAD_MESSAGE, BUSY = 4404, 4410, 4400, 4429
+"""Close codes: no such experiment, it was deleted, a message that cannot be understood, too many streams."""
+
+_log = logging.getLogger("ftlab")
+
+
+class Subscribe(msgspec.Struct, tag="subscribe", tag_field="type", forbid_unknown_fields=True):
+    """The viewer wants these signals from now on."""
+
+    signals: list[str]
+
+
+class Ack(msgspec.Struct, tag="ack", tag_field="type", forbid_unknown_fields=True):
+    """The viewer has dealt with frames up to this time."""
+
+    time: float
+
+
+_decoder = msgspec.json.Decoder(Subscribe | Ack)
+
+
+class Credit:
+    """Counts the frames under way: sent, and not yet acknowledged."""
+
+    def __init__(self) -> None:
+        self._under_way: deque[float] = deque()
+
+    @property
+    def left(self) -> bool:
+        """Whether another frame may be sent."""
+        return len(self._under_way) < CREDIT
+
+    def sent(self, last: float) -> None:
+        """A frame that ends at time ``last`` was sent."""
+        self._under_way.append(last)
+
+    def acknowledged(self, time: float) -> None:
+        """Frames up to the one that ends at ``time`` have arrived. Frames come in order, though time may go back."""
+        if time in self._under_way:
+            while self._under_way.popleft() != time:
+                pass
+        else:
+            while self._under_way and self._under_way[0] <= time:
+                self._under_way.popleft()
+
+
+class Viewer:
+    """One WebSocket that watches one experiment.
+
+    Args:
+        socket: accepted.
+        experiment: what is watched.
+        since: time up to which the client has everything; now if absent.
+        history: how many rewinds the client knew of then, as its last ``hello`` or ``reset`` said.
+    """
+
+    def __init__(
+        self, socket: WebSocket, experiment: Experiment, since: float | None = None, history: int | None = None
+    ) -> None:
+        self.socket = socket
+        self.experiment = experiment
+        self._news = asyncio.Event()
+        self._reset: float | None = None
+        self._names: list[str] = []
+        self._position = since
+        self._history = history
+        self._events = 0
+        self._state: ExperimentState | None = None
+        self._viewed = -1
+        self._credit = Credit()
+
+    # ---- what the experiment tells --------------------------------------------------------------------------------
+
+    def changed(self) -> None:
+        """There is something new."""
+        self._news.set()
+
+    def rewound(self, to: float) -> None:
+        """Everything after ``to`` never happened."""
+        self._reset = to if self._reset is None else min(to, self._reset)
+        self._news.set()
+
+    # ---- the two directions ---------------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Serve the socket until either side has enough."""
+        self.experiment.subscribers.add(self)
+        try:
+            errors = await until_one_ends(self._listen(), self._tell())
+        finally:
+            self.experiment.subscribers.discard(self)
+        for error in errors:
+            if not isinstance(error, WebSocketDisconnect | RuntimeError):
+                _log.error("the stream of experiment %s broke", self.experiment.id, exc_info=error)
+
+    async def _listen(self) -> None:
+        while True:
+            message = await self.socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            raw = message.get("text") or message.get("bytes") or b""
+            try:
+                if len(raw) > MAX_MESSAGE:
+                    raise ValueError(f"a message of {len(raw)} bytes is too long")
+                self._heard(_decoder.decode(raw))
+            except ValueError as error:  # msgspec's errors are among them
+                await self.socket.close(BAD_MESSAGE, str(error)[:120])
+                return
+
+    def _heard(self, message: Subscribe | Ack) -> None:
+        match message:
+            case Ack(time=time):
+                self._credit.acknowledged(time)
+            case Subscribe(signals=names):
+                known = {signal.name for signal in self.experiment.description.signals}
+                unknown = [name for name in names if name not in known]
+                if unknown or len(names) > MAX_SIGNALS:
+                    raise ValueError(f"no signal {unknown[0]!r}" if unknown else f"at most {MAX_SIGNALS} signals")
+                self._names = list(dict.fromkeys(names))
+        self._news.set()
+
+    async def _tell(self) -> None:
+        await self._greet()
+        loop = asyncio.get_running_loop()
+        while True:
+            await self._news.wait()
+            self._news.clear()
+            if self.experiment.closed:
+                await self.socket.close(GONE, "the experiment was deleted")
+                return
+            started = loop.time()
+            await self._push()
+            await asyncio.sleep(INTERVAL - (loop.time() - started))
+
+    async def _greet(self) -> None:
+        def look(simulation: Simulation) -> tuple[ExperimentState, float, float | None, int]:
+            since = simulation.now if self._position is None else self._position
+            undone = [simulation.now] if since > simulation.now else []
+            undone += self.experiment.rewinds[self._history :] if self._history is not None else []
+            reset = min(undone) if undone and min(undone) < since else None
+            since = since if reset is None else reset
+            return self.experiment.describe(simulation), since, reset, events_until(simulation, since)
+
+        state, self._position, reset, self._events = await self.experiment.read(look)
+        self._state = state
+        await self._send(
+            {
+                "type": "hello",
+                "experiment": state.model_dump(mode="json"),
+                "signals": signals_with_factors(self.experiment.description),
+                "history": len(self.experiment.rewinds),
+            }
+        )
+        if reset is not None:
+            await self._say_reset(reset)
+        self._news.set()
+
+    async def _say_reset(self, time: float) -> None:
+        await self._send({"type": "reset", "time": time, "history": len(self.experiment.rewinds)})
+
+    async def _push(self) -> None:
+        """Everything that is new and may be sent: reset, events, state, frames, view."""
+        reset, self._reset = self._reset, None
+        if reset is not None:
+            self._position = min(reset, self._position or 0.0)
+            self._viewed = -1
+            await self._say_reset(reset)
+        wants_frames = bool(self._names) and self._credit.left
+        state, events, frames = await self.experiment.read(lambda s: self._news_of(s, reset, wants_frames))
+        for event in events:
+            await self._send({"type": "event", **event})
+        if frames is not None and len(frames.time):
+            last = float(frames.time[-1])
+            self._position = last
+            self._credit.sent(last)
+            await self._send({"type": "frames", "time": frames.time, "signals": frames.signals})
+        if not _same(state, self._state):
+            await self._send({"type": "state", **state.model_dump(mode="json")})
+        self._state = state
+        if self._credit.left and self._viewed != self.experiment.version:
+            self._viewed = self.experiment.version
+            view = await self.experiment.view()
+            await self._send({"type": "view", **view.model_dump(mode="json")})
+
+    def _news_of(
+        self, simulation: Simulation, reset: float | None, wants_frames: bool
+    ) -> tuple[ExperimentState, list[dict[str, Any]], Columns | None]:
+        """In a thread: what has come since the viewer's position."""
+        if reset is not None:
+            self._events = min(self._events, events_until(simulation, reset))
+        new = simulation.events[self._events :]
+        self._events = len(simulation.events)
+        events = [event.model_dump(mode="json") for event in new[-MAX_EVENTS:]]
+        frames = None
+        if wants_frames:
+            after = (self._position or 0.0) + 0.5 * simulation.period
+            frames = columns(simulation, self._names, start=after, points=rows_for(len(self._names)))
+        return self.experiment.describe(simulation), events, frames
+
+    async def _send(self, message: dict[str, Any]) -> None:
+        await self.socket.send_text(orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY).decode())
+
+
+def events_until(simulation: Simulation, time: float) -> int:
+    """How many events had happened by ``time``."""
+    return sum(1 for event in simulation.events if event.time <= time + 1e-9)
+
+
+def _same(new: ExperimentState, old: ExperimentState | None) -> bool:
+    """Whether a viewer who follows the frames would learn nothing from the new state."""
+    if old is None:
+        return False
+    clock = old.clock.model_copy(update={"time": new.clock.time, "epoch": new.clock.epoch})
+    return new == old.model_copy(update={"clock": clock})

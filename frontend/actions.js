@@ -1,0 +1,207 @@
+/** Everything a person can do. Refusals become a notice, except where a form shows them at the field. */
+import { Problem, commands, curl, moveScene, read, send } from './api.js';
+import * as ghost from './ghost.js';
+import * as session from './session.js';
+import { link } from './share.js';
+import { store } from './store.js';
+/** @import {Notice} from './types' */
+
+/** @param {Notice | null} notice */
+export function say(notice) {
+  store.set({ notice });
+}
+
+/**
+ * Does something that may be refused, and tells why it was.
+ * @template T
+ * @param {() => Promise<T>} act
+ * @returns {Promise<T | undefined>}
+ */
+export async function attempt(act) {
+  try {
+    return await act();
+  } catch (error) {
+    if (!(error instanceof Error)) throw error;
+    const full = error instanceof Problem && error.status === 429;
+    say({
+      tone: 'error',
+      text: error.message,
+      action: full ? { label: 'Choose experiments to delete', run: () => openDialog('ft-experiments') } : undefined,
+    });
+    return undefined;
+  }
+}
+
+/** @param {string} tag a panel that is a dialog */
+export function openDialog(tag) {
+  /** @type {(HTMLElement & {open(): void}) | null} */ (document.querySelector(tag))?.open();
+}
+
+/** Id of the experiment on the page. */
+export function id() {
+  return store.get().experiment?.id ?? '';
+}
+
+export const clockState = () => store.get().experiment?.clock.state ?? 'paused';
+
+export const run = () =>
+  attempt(async () => {
+    const { experiment } = store.get();
+    if (!experiment) return;
+    if (experiment.clock.state === 'finished') await send(commands.rewind(experiment.id, 0));
+    store.set({ welcome: false });
+    await send(commands.clock(experiment.id, { state: 'running' }));
+  });
+
+export const pause = () => attempt(() => send(commands.clock(id(), { state: 'paused' })));
+
+export const toggle = () => (clockState() === 'running' ? pause() : run());
+
+/** @param {number | 'max'} speed */
+export const setSpeed = (speed) => attempt(() => send(commands.clock(id(), { speed })));
+
+export const step = () =>
+  attempt(async () => {
+    if (clockState() === 'running') await pause();
+    store.set({ welcome: false });
+    await send(commands.advance(id(), { epochs: 1 }));
+  });
+
+/** @param {number} time */
+export const rewind = (time) =>
+  attempt(async () => {
+    await send(commands.rewind(id(), time));
+    look(null);
+  });
+
+export const back = () => {
+  const { experiment, description, now } = store.get();
+  if (experiment && description && now > 0) return rewind(Math.max(0, now - description.epoch));
+  return Promise.resolve();
+};
+
+/** Leaves this run as it is and goes on in a copy of it. @param {number} at */
+export const branch = (at) =>
+  attempt(async () => {
+    const { relatives, experiment } = store.get();
+    if (!experiment) return;
+    const title = `Branch ${letter(relatives.length)} at ${at.toFixed(1)} s`;
+    const fork = await send(commands.fork(experiment.id, at, title));
+    await session.open(fork.id);
+    say({ tone: 'info', text: `${title}: its own future from here; the run it came from stays as it is.` });
+  });
+
+/** @param {number} n */
+function letter(n) {
+  return String.fromCharCode(65 + (n % 26));
+}
+
+/** Throws Problem: the form shows it at the field. @param {Record<string, unknown>} fault */
+export const inject = (fault) => send(commands.inject(id(), fault));
+
+/** @param {string} fault */
+export const clear = (fault) => attempt(() => send(commands.clear(id(), fault)));
+
+export const clearAll = () => attempt(() => send(commands.clearAll(id())));
+
+/** @param {string} name @param {boolean} enabled */
+export const switchSubsystem = (name, enabled) => attempt(() => send(commands.switch(id(), name, enabled)));
+
+/** Throws Problem: the form shows it at the field. @param {Record<string, unknown>} settings */
+export const configure = (settings) => send(commands.configure(id(), settings));
+
+/** @type {number | null | undefined} */
+let asked;
+let looking = false;
+
+/** Looks at a past moment; null comes back to now. @param {number | null} time */
+export function look(time) {
+  const { now, description } = store.get();
+  const period = description?.epoch ?? 0;
+  const cursor = time === null || time >= now - period / 2 ? null : Math.max(0, time);
+  store.set(({ pastView }) => ({ cursor, pastView: cursor === null ? null : pastView }));
+  asked = cursor;
+  if (!looking) void lookOn();
+}
+
+/** One question at a time, and only the last one asked: dragging never builds a queue. */
+async function lookOn() {
+  looking = true;
+  while (asked !== undefined) {
+    const time = asked;
+    asked = undefined;
+    const experiment = id();
+    const seen = time === null ? null : await read.view(experiment, time).catch(() => null);
+    await moveScene(experiment, time).catch(() => undefined);
+    if (seen && store.get().cursor !== null && id() === experiment) store.set({ pastView: seen });
+  }
+  looking = false;
+}
+
+/** @param {[number, number] | null} zoom */
+export function zoomTo(zoom) {
+  const { experiment } = store.get();
+  if (!zoom || !experiment) return store.set({ zoom: null });
+  const from = Math.max(0, zoom[0]);
+  const to = Math.min(experiment.clock.duration, zoom[1]);
+  const least = 4 * (store.get().description?.epoch ?? 0.01);
+  return store.set({ zoom: to - from < least ? null : [from, to] });
+}
+
+/** @param {string} chart */
+export function toggleChart(chart) {
+  const { shown } = store.get();
+  session.show(shown.includes(chart) ? shown.filter((c) => c !== chart) : [...shown, chart]);
+}
+
+export const toggleGhost = () =>
+  attempt(async () => {
+    if (store.get().ghost) ghost.dismiss();
+    else await ghost.summon();
+  });
+
+/** @param {'dark' | 'light'} theme */
+export function setTheme(theme) {
+  localStorage.setItem('theme', theme);
+  document.documentElement.dataset.theme = theme;
+  store.set({ theme });
+}
+
+/** @param {string} scenario */
+export const fly = (scenario) =>
+  attempt(async () => {
+    if (store.get().ghost) ghost.dismiss();
+    await session.create(scenario);
+    store.set({ welcome: true });
+  });
+
+/** @param {string} experiment */
+export const open = (experiment) =>
+  attempt(async () => {
+    if (store.get().ghost) ghost.dismiss();
+    await session.open(experiment);
+  });
+
+export const shareLink = () =>
+  attempt(async () => {
+    const { now, cursor } = store.get();
+    const scenario = await read.document(id());
+    const address = await link({ scenario, time: now, cursor });
+    await copy(address, 'Link copied: it restores scenario, seed, every command and this cursor.');
+    return address;
+  });
+
+/** @param {[string, string, object?]} command */
+export function copyCurl(command) {
+  return copy(curl(...command), 'curl command copied.');
+}
+
+/** @param {string} text @param {string} done */
+export async function copy(text, done) {
+  try {
+    await navigator.clipboard.writeText(text);
+    say({ tone: 'info', text: done });
+  } catch {
+    say({ tone: 'info', text: text, sticky: true });
+  }
+}

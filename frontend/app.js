@@ -1,0 +1,71 @@
+/** Starts the page: panels, theme, and the experiment that the address names, carries, or none does. */
+import './panels/topbar.js';
+import './panels/notices.js';
+import './panels/diagram.js';
+import './panels/scene.js';
+import './panels/score.js';
+import './panels/welcome.js';
+import './panels/charts.js';
+import './panels/bench.js';
+import './panels/faults.js';
+import './panels/subsystems.js';
+import './panels/settings.js';
+import './panels/timeline.js';
+import './panels/log.js';
+import './panels/popover.js';
+import './panels/keys.js';
+import './panels/table.js';
+import './panels/rest.js';
+import './panels/experiments.js';
+import { attempt, look, say } from './actions.js';
+import { Problem, read } from './api.js';
+import * as session from './session.js';
+import { unpack } from './share.js';
+import { store } from './store.js';
+
+const FIRST = 'zhang-1992-visible';
+
+function theme() {
+  const kept = localStorage.getItem('theme');
+  const light = matchMedia('(prefers-color-scheme: light)');
+  const apply = () => {
+    const chosen = localStorage.getItem('theme') ?? (light.matches ? 'light' : 'dark');
+    document.documentElement.dataset.theme = chosen;
+    store.set({ theme: chosen === 'light' ? 'light' : 'dark' });
+  };
+  apply();
+  if (!kept) light.addEventListener('change', apply);
+}
+
+/** Opens what the address carries (a shared run) or names (an experiment), else the first scenario. */
+async function arrive() {
+  const scenarios = await read.scenarios();
+  store.set({ scenarios });
+  const shared = await unpack(location.hash);
+  if (shared) {
+    await session.create(shared.scenario, { until: shared.time });
+    look(shared.cursor);
+    return;
+  }
+  const named = new URL(location.href).searchParams.get('experiment');
+  if (named) {
+    try {
+      await session.open(named);
+      store.set({ welcome: store.get().now === 0 });
+      return;
+    } catch (error) {
+      if (!(error instanceof Problem) || error.status !== 404) throw error;
+      say({ tone: 'warning', text: 'The experiment in this address is no longer on the server; here is a fresh one.' });
+    }
+  }
+  const first = scenarios.find((s) => s.id === FIRST) ?? scenarios[0];
+  if (!first) throw new Error('This server has no scenarios.');
+  await session.create(first.id);
+  store.set({ welcome: true });
+}
+
+theme();
+void attempt(arrive);
+window.addEventListener('hashchange', () => {
+  if (location.hash.startsWith('#run=')) void attempt(arrive);
+});

@@ -1,0 +1,153 @@
+/**
+ * One chart drawn by plotly.js, and the queue that draws them: one dirty, visible chart per animation frame, and never
+ * more than a share of the time, so that the page stays quick however many charts are live.
+ * @import {Chart, SystemDescription} from './types'
+ */
+import { ghostRecording } from './ghost.js';
+import { extremes, searchAfter, strided } from './recording.js';
+import { recording } from './session.js';
+import { linearAxis, logAxis } from './axes.js';
+import { timeTicks } from './format.js';
+import { color, style } from './traces.js';
+
+export const MARGIN = { left: 54, right: 14, top: 5, bottom: 5 };
+const LIVE_POINTS = 300;
+const STILL_POINTS = 6000;
+
+/** @type {Promise<void> | null} */
+let plotly = null;
+
+/** Fetches plotly.js once, beside everything else. */
+export function loadPlotly() {
+  plotly ??= new Promise((resolve, reject) => {
+    const script = document.createElement('script');
+    script.src = '/vendor/plotly.min.js';
+    script.async = true;
+    script.onload = () => resolve();
+    script.onerror = () => reject(new Error('The chart library could not be loaded.'));
+    document.head.append(script);
+  });
+  return plotly;
+}
+
+/** @typedef {{range: [number, number], live: boolean, ghost: boolean}} Frame */
+
+export class Drawing {
+  #revision = 0;
+  /** @type {[number, number] | null} */
+  #yRange = null;
+  /** Signals the person has switched off in the legend. @type {Set<string>} */
+  hidden = new Set();
+
+  /** @param {HTMLElement} host @param {Chart} chart @param {SystemDescription} description */
+  constructor(host, chart, description) {
+    this.host = host;
+    this.chart = chart;
+    this.factor = description.signals.find((s) => s.name === chart.traces[0]?.signal)?.factor ?? 1;
+    this.factors = new Map(description.signals.map((s) => [s.name, s.factor]));
+  }
+
+  /** @param {Frame} frame */
+  draw(frame) {
+    const { clientWidth: width, clientHeight: height } = this.host;
+    if (!window.Plotly || width < 80) return;
+    const time = recording.time;
+    const from = Math.max(0, searchAfter(time, frame.range[0]) - 1);
+    const to = Math.min(time.length, searchAfter(time, frame.range[1]) + 1);
+    const points = frame.live ? LIVE_POINTS : STILL_POINTS;
+    const traces = this.chart.traces.filter((t) => !this.hidden.has(t.signal));
+    const shared = this.chart.stacked ? strided(from, to, points) : null;
+    const data = [];
+    /** @type {Float64Array[]} */
+    const extents = [];
+    /** @type {number[]} */
+    const ends = [];
+    for (const trace of traces) {
+      const sigma = trace.sigma ? recording.column(trace.sigma) : undefined;
+      if (!sigma || trace.role === 'local') continue;
+      const rows = strided(from, to, points);
+      const x = pick(time, rows, 1);
+      const upper = pick(sigma, rows, 3 / this.#scale(trace.sigma));
+      const lower = upper.map((v) => -v);
+      const band = { type: 'scatter', mode: 'lines', x, line: { width: 0 } };
+      data.push({ ...band, y: lower }, { ...band, y: upper, fill: 'tonexty', fillcolor: tint(style(this.chart, trace).color, 0.13) });
+      if (upper.length) ends.push(upper[upper.length - 1]);
+    }
+    for (const trace of frame.ghost ? traces : []) {
+      const column = ghostRecording.column(trace.signal);
+      if (!column?.length) continue;
+      const rows = this.#rows(ghostRecording.time, column, frame.range, points);
+      const look = style(this.chart, trace);
+      const y = pick(column, rows, 1 / this.#scale(trace.signal));
+      data.push(line(pick(ghostRecording.time, rows, 1), y, { ...look, width: 3, dash: 'solid', opacity: 0.3 }));
+      extents.push(y);
+    }
+    for (const trace of [...traces].reverse()) {
+      const column = recording.column(trace.signal);
+      if (!column) continue;
+      const rows = shared ?? (trace.role === 'threshold' ? strided(from, to, points) : extremes(column, from, to, points));
+      const y = pick(column, rows, 1 / this.#scale(trace.signal));
+      const look = style(this.chart, trace);
+      const drawn = line(pick(time, rows, 1), y, look);
+      data.push(this.chart.stacked ? { ...drawn, stackgroup: 'all', fillcolor: tint(look.color, 0.5), line: { ...drawn.line, width: 1 } } : drawn);
+      extents.push(y);
+    }
+    const axis = this.#axis(extents, ends);
+    this.#yRange = axis.range;
+    this.#revision += 1;
+    void window.Plotly.react(this.host, data, this.#layout(frame, axis, width, height), { staticPlot: true, displayModeBar: false });
+  }
+
+  /** @param {string | null} signal */
+  #scale(signal) {
+    return this.factors.get(signal ?? '') ?? this.factor;
+  }
+
+  /** @param {Float64Array} time @param {Float64Array} column @param {[number, number]} range @param {number} points */
+  #rows(time, column, range, points) {
+    return extremes(column, Math.max(0, searchAfter(time, range[0]) - 1), Math.min(time.length, searchAfter(time, range[1]) + 1), points);
+  }
+
+  /** @param {Float64Array[]} extents @param {number[]} ends */
+  #axis(extents, ends) {
+    if (this.chart.stacked) return { range: /** @type {[number, number]} */ ([0, 1]), values: [0, 0.5, 1], texts: ['0', '0.5', '1'], type: 'linear' };
+    return this.chart.scale === 'log' ? logAxis(extents, this.#yRange) : linearAxis(extents, ends, this.#yRange);
+  }
+
+  /** @param {Frame} frame @param {import('./axes.js').Axis} axis @param {number} width @param {number} height */
+  #layout(frame, axis, width, height) {
+    const grid = { gridcolor: color('grid'), gridwidth: 1, zeroline: false, fixedrange: true, showline: false, ticks: '' };
+    return {
+      width, height, margin: { l: MARGIN.left, r: MARGIN.right, t: MARGIN.top, b: MARGIN.bottom },
+      paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', showlegend: false, hovermode: false, dragmode: false,
+      datarevision: this.#revision, uirevision: this.chart.id, font: { family: 'system-ui, "DejaVu Sans", sans-serif', size: 10.5, color: color('dim') },
+      xaxis: { ...grid, range: frame.range, tickmode: 'array', tickvals: timeTicks(...frame.range, 10), showticklabels: false },
+      yaxis: { ...grid, type: axis.type, range: axis.range, tickmode: 'array', tickvals: axis.values, ticktext: axis.texts },
+    };
+  }
+
+  erase() {
+    window.Plotly?.purge(this.host);
+  }
+}
+
+/** @param {Float64Array} x @param {Float64Array} y @param {import('./traces.js').Style} look */
+function line(x, y, look) {
+  return {
+    type: 'scatter', mode: 'lines', x, y, opacity: look.opacity, connectgaps: false,
+    line: { color: look.color, width: look.width, dash: look.dash, simplify: false },
+  };
+}
+
+/** @param {Float64Array} column @param {Int32Array} rows @param {number} scale */
+function pick(column, rows, scale) {
+  const values = new Float64Array(rows.length);
+  for (let i = 0; i < rows.length; i += 1) values[i] = column[rows[i]] * scale;
+  return values;
+}
+
+/** @param {string} hex `#rrggbb` @param {number} opacity */
+function tint(hex, opacity) {
+  const value = Number.parseInt(hex.slice(1), 16);
+  return `rgba(${value >> 16},${(value >> 8) & 255},${value & 255},${opacity})`;
+}

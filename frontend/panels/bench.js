@@ -1,0 +1,197 @@
+/** The fault form: drawn from the schema of a fault and from what each channel takes. */
+import { Panel, fill, freshId, h, setText } from '../dom.js';
+import { Problem, commands } from '../api.js';
+import { numberIn, resolved } from '../schema.js';
+import { capital, clock, unitText, words } from '../format.js';
+import { faultText, subjectLabel } from '../marks.js';
+import { store } from '../store.js';
+import { id, inject, say } from '../actions.js';
+import { curlButton } from './curl.js';
+/** @import {Channel, KindInfo} from '../types' */
+
+const FIELDS = ['channel', 'kind', 'magnitude', 'start', 'end'];
+
+export class Bench extends Panel {
+  /** @type {Map<string, {row: HTMLElement, error: HTMLElement, input: HTMLInputElement | HTMLSelectElement}>} */
+  #fields = new Map();
+  /** Magnitudes the person typed are kept when only the channel changes within a unit. */
+  #suggested = '';
+
+  build() {
+    this.search = h('input', { type: 'search', placeholder: 'find a channel', 'aria-label': 'Find a channel', oninput: () => this.#list() });
+    this.channel = h('select', { onchange: () => this.#kinds() });
+    this.kind = h('select', { onchange: () => this.#shape() });
+    this.magnitude = h('input', { type: 'text', inputmode: 'decimal', autocomplete: 'off' });
+    this.start = h('input', { type: 'text', inputmode: 'decimal', placeholder: 'now', autocomplete: 'off' });
+    this.end = h('input', { type: 'text', inputmode: 'decimal', placeholder: 'never', autocomplete: 'off' });
+    this.unit = h('span', { class: 'unit' });
+    this.sentence = h('p', { class: 'sentence' });
+    this.extra = h('div', { class: 'fields' });
+    this.button = h('button', { class: 'primary wide', type: 'submit' }, 'Inject');
+    const seconds = () => h('span', { class: 'unit' }, 's');
+    this.append(h('h2', {}, 'Inject a fault'), h('form', {
+      class: 'fields', novalidate: true, 'aria-label': 'Inject a fault', onsubmit: (/** @type {Event} */ event) => {
+        event.preventDefault();
+        void this.#inject();
+      },
+    },
+      h('div', { class: 'field' }, h('span', {}), h('span', { class: 'entry' }, this.search)),
+      this.#field('channel', 'Channel', this.channel), this.#field('kind', 'Kind', this.kind), this.sentence,
+      this.#field('magnitude', 'Magnitude', this.magnitude, this.unit), this.extra,
+      this.#field('start', 'Start', this.start, seconds()), this.#field('end', 'End', this.end, seconds()),
+      h('div', { class: 'buttons' }, this.button, curlButton(() => commands.inject(id(), this.#fault()), 'this injection'))));
+    this.watch((s) => s.description, () => {
+      if (this.search) this.search.value = '';
+      this.#list();
+    });
+    this.watch((s) => s.prefill, (prefill) => {
+      if (!prefill || !this.search || !this.channel) return;
+      this.search.value = '';
+      this.#list();
+      const first = this.#channels().find((c) => c.name.startsWith(prefill.sensor));
+      if (first) this.channel.value = first.name;
+      this.#kinds();
+    });
+    this.watch((s) => [s.experiment?.id, s.experiment?.clock.state], () => {
+      if (this.button) this.button.disabled = !store.get().experiment || store.get().experiment?.clock.state === 'failed';
+    });
+  }
+
+  focusForm() {
+    this.channel?.focus();
+    this.scrollIntoView({ block: 'nearest' });
+  }
+
+  #channels() {
+    return store.get().description?.channels ?? [];
+  }
+
+  /** @param {string} name @param {string} label @param {HTMLInputElement | HTMLSelectElement} input @param {HTMLElement} [unit] */
+  #field(name, label, input, unit) {
+    const key = freshId('fault');
+    input.id = key;
+    input.setAttribute('name', name);
+    input.setAttribute('aria-describedby', `${key}-error`);
+    const error = h('span', { class: 'error', id: `${key}-error`, hidden: true });
+    const row = h('div', { class: 'field' }, h('label', { for: key }, label), h('span', { class: 'entry' }, input, unit), error);
+    this.#fields.set(name, { row, error, input });
+    return row;
+  }
+
+  /** Channels that match the search, by sensor. */
+  #list() {
+    const { description } = store.get();
+    if (!this.channel || !this.search) return;
+    const asked = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const found = this.#channels().filter((c) => asked.every((word) => `${c.label} ${c.name} ${c.unit}`.toLowerCase().includes(word)));
+    const before = this.channel.value;
+    const groups = [...new Set(found.map((c) => c.group))];
+    fill(this.channel, ...groups.map((group) => {
+      const members = found.filter((c) => c.group === group);
+      return h('optgroup', { label: `${subjectLabel(group.split('.')[0], description)}: ${words(group.split('.').slice(1).join(' '))} (${members[0].unit})` },
+        ...members.map((c) => h('option', { value: c.name }, c.label)));
+    }), !found.length && h('option', { value: '', disabled: true }, 'no channel matches'));
+    this.channel.value = found.some((c) => c.name === before) ? before : (found[0]?.name ?? '');
+    this.#kinds();
+  }
+
+  /** @returns {Channel | undefined} */
+  #chosen() {
+    return this.#channels().find((c) => c.name === this.channel?.value);
+  }
+
+  #kinds() {
+    const channel = this.#chosen();
+    if (!this.kind) return;
+    const before = this.kind.value;
+    fill(this.kind, ...(channel?.kinds ?? []).map((kind) => h('option', { value: kind }, channel?.faults[kind]?.label ?? words(kind))));
+    if (channel?.kinds.includes(before)) this.kind.value = before;
+    if (this.channel) this.channel.title = channel?.name ?? '';
+    this.#shape();
+  }
+
+  /** Fields that this kind has, with a size worth trying. */
+  #shape() {
+    const channel = this.#chosen();
+    const info = channel?.faults[this.kind?.value ?? ''];
+    if (!this.magnitude || !this.unit || !this.sentence || !this.extra) return;
+    setText(this.sentence, info ? `${capital(info.sentence)}.` : '');
+    const sized = this.#fields.get('magnitude');
+    if (sized) sized.row.hidden = !info || info.unit === null;
+    setText(this.unit, unitText(info?.unit) || (info?.unit === '1' ? '(ratio)' : ''));
+    const suggestion = channel && info ? typical(channel, info) : '';
+    if (this.magnitude.value === this.#suggested || this.magnitude.dataset.unit !== String(info?.unit)) this.magnitude.value = suggestion;
+    this.magnitude.dataset.unit = String(info?.unit);
+    this.#suggested = suggestion;
+    const schema = store.get().description?.fault_schema ?? {};
+    for (const name of [...this.#fields.keys()]) if (!FIELDS.includes(name)) this.#fields.delete(name);
+    fill(this.extra, ...(info?.parameters ?? []).map((name) => {
+      const property = resolved(schema.properties?.[name] ?? {}, schema);
+      const input = h('input', { type: 'text', inputmode: 'decimal', value: property.default ?? '', title: property.description });
+      return this.#field(name, capital(words(name)), input, h('span', { class: 'unit' }, unitText(property.unit)));
+    }));
+    this.extra.hidden = !info?.parameters.length;
+    this.#complain(new Map());
+  }
+
+  /** The fault as the form has it; text that is no number is passed on, for the server to name the field. */
+  #fault() {
+    /** @type {Record<string, unknown>} */
+    const fault = { channel: this.channel?.value ?? '', kind: this.kind?.value ?? '' };
+    for (const [name, { input, row }] of this.#fields) {
+      if (name === 'channel' || name === 'kind' || row.hidden || input.value.trim() === '' || input.value.trim() === input.getAttribute('placeholder')) continue;
+      fault[name] = numberIn(input.value) ?? input.value;
+    }
+    return fault;
+  }
+
+  async #inject() {
+    const fault = this.#fault();
+    const wrong = new Map();
+    for (const [name, value] of Object.entries(fault)) {
+      if (name !== 'channel' && name !== 'kind' && typeof value !== 'number') wrong.set(name, `A number is needed, not “${value}”.`);
+    }
+    if (!this.channel?.value) wrong.set('channel', 'Choose a channel; none matches the search.');
+    this.#complain(wrong);
+    if (wrong.size) return;
+    try {
+      const made = await inject(fault);
+      const { description, now } = store.get();
+      say({ tone: 'info', text: `${faultText(made, description)} ${made.start > now ? `armed for ${clock(made.start, 1)}` : 'injected'}.` });
+    } catch (refused) {
+      if (!(refused instanceof Problem)) throw refused;
+      for (const name of this.#fields.keys()) {
+        const about = refused.about(name);
+        if (about) wrong.set(name, about);
+      }
+      this.#complain(wrong);
+      if (!wrong.size) say({ tone: 'error', text: refused.message });
+    }
+  }
+
+  /** @param {Map<string, string>} wrong what is wrong, by field */
+  #complain(wrong) {
+    let first = true;
+    for (const [name, { error, input }] of this.#fields) {
+      const text = wrong.get(name) ?? '';
+      setText(error, text);
+      error.hidden = !text;
+      if (text) input.setAttribute('aria-invalid', 'true');
+      else input.removeAttribute('aria-invalid');
+      if (text && first) {
+        input.focus();
+        first = false;
+      }
+    }
+  }
+}
+
+/** A magnitude worth trying first. @param {Channel} channel @param {KindInfo} info */
+function typical(channel, info) {
+  if (info.unit === null) return '';
+  if (info.unit === channel.unit) return String(channel.typical);
+  if (info.unit.startsWith(`${channel.unit}/`)) return String(Number((channel.typical / 10).toPrecision(3)));
+  return info.unit === 's' ? '1' : '0.01';
+}
+
+customElements.define('ft-bench', Bench);

@@ -1,0 +1,112 @@
+/** One chart: title, legend that reads out values and switches lines, the drawing, and the table behind it. */
+import { Panel, h, setText, svg } from '../dom.js';
+import { Drawing } from '../charts.js';
+import { readout, unitText } from '../format.js';
+import { forget, repaint } from '../scheduler.js';
+import { recording } from '../session.js';
+import { store } from '../store.js';
+import { style } from '../traces.js';
+/** @import {Chart, SystemDescription, Trace} from '../types' */
+
+export class ChartPanel extends Panel {
+  visible = false;
+  /** @type {{node: HTMLElement, trace: Trace}[]} */
+  #values = [];
+  /** @type {HTMLElement | null} */
+  #legend = null;
+
+  /** @param {Chart} chart @param {SystemDescription} description @param {() => import('../charts.js').Frame} frame */
+  constructor(chart, description, frame) {
+    super();
+    this.chart = chart;
+    this.description = description;
+    this.frame = frame;
+    this.host = h('div', { class: 'plot' });
+    this.drawing = new Drawing(this.host, chart, description);
+  }
+
+  build() {
+    if (this.firstChild) return;
+    const { chart } = this;
+    this.className = `chart ${chart.scale === 'log' ? 'low' : ''}`;
+    this.setAttribute('role', 'figure');
+    this.setAttribute('aria-label', `${chart.title}${unitText(chart.unit) ? `, ${unitText(chart.unit)}` : ''}`);
+    this.#legend = h('div', { class: 'legend', role: 'group', 'aria-label': `Lines of ${chart.title}` });
+    this.append(
+      h('header', {},
+        h('h3', {}, chart.title, h('span', { class: 'unit' }, unitText(chart.unit))),
+        h('button', { class: 'mini', title: 'Numbers behind this chart', 'aria-label': `Table of ${chart.title}`, onclick: () => this.#table() }, 'table'),
+        this.#legend,
+      ),
+      this.host,
+    );
+    this.#drawLegend();
+    this.watch((s) => s.theme, () => this.#drawLegend());
+    const sight = new IntersectionObserver(([entry]) => {
+      this.visible = entry.isIntersecting;
+      if (this.visible) repaint([this], true);
+    });
+    sight.observe(this.host);
+    const size = new ResizeObserver(() => repaint([this], true));
+    size.observe(this.host);
+    this.keep(() => {
+      sight.disconnect();
+      size.disconnect();
+      forget(this);
+      this.drawing.erase();
+    });
+  }
+
+  paint() {
+    this.drawing.draw(this.frame());
+    this.read();
+  }
+
+  /** Writes the values under the cursor into the legend. */
+  read() {
+    const { hover, cursor, now } = store.get();
+    const time = hover ?? cursor ?? now;
+    for (const { node, trace } of this.#values) {
+      setText(node, readout(recording.at(trace.signal, time) / (this.drawing.factors.get(trace.signal) ?? 1)));
+    }
+  }
+
+  #drawLegend() {
+    this.#values = [];
+    this.#legend?.replaceChildren(...this.chart.traces.map((trace) => {
+      const look = style(this.chart, trace);
+      const value = h('span', { class: 'value' });
+      this.#values.push({ node: value, trace });
+      return h('button', {
+        class: 'line', 'aria-pressed': String(!this.drawing.hidden.has(trace.signal)), title: this.#explain(trace),
+        onclick: (/** @type {MouseEvent} */ event) => this.#toggle(trace, /** @type {HTMLElement} */ (event.currentTarget)),
+      },
+        svg('svg', { width: 18, height: 8, 'aria-hidden': 'true' },
+          svg('line', { x1: 0, x2: 18, y1: 4, y2: 4, stroke: look.color, 'stroke-width': look.width + 0.5, 'stroke-dasharray': look.dash === 'solid' ? null : look.dash.replaceAll('px', '') })),
+        h('span', { class: 'name' }, trace.label), value);
+    }));
+    this.read();
+  }
+
+  /** @param {Trace} trace */
+  #explain(trace) {
+    const signal = this.description.signals.find((s) => s.name === trace.signal);
+    const test = this.description.tests.find((t) => trace.signal.startsWith(`test.${t.name}.`));
+    const about = trace.role === 'threshold' && test ? `; alarm when ${test.alarm_when}; ${test.dof}` : '';
+    return `${signal?.label ?? trace.signal}${trace.sigma ? ', band: ±3σ' : ''}${about}. Click to hide or show.`;
+  }
+
+  /** @param {Trace} trace @param {HTMLElement} button */
+  #toggle(trace, button) {
+    const { hidden } = this.drawing;
+    if (!hidden.delete(trace.signal)) hidden.add(trace.signal);
+    button.setAttribute('aria-pressed', String(!hidden.has(trace.signal)));
+    repaint([this], true);
+  }
+
+  #table() {
+    /** @type {import('./table.js').TablePanel | null} */ (document.querySelector('ft-table'))?.open(this.chart, this.frame().range);
+  }
+}
+
+customElements.define('ft-chart', ChartPanel);

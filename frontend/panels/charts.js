@@ -1,0 +1,226 @@
+/** The column of charts on one time axis: marks, crosshair and zoom are shared by all of them. */
+import { Panel, fill, h, keyed, setText } from '../dom.js';
+import { MARGIN, loadPlotly } from '../charts.js';
+import { clock, decimalsOf, timeTicks } from '../format.js';
+import { derive } from '../marks.js';
+import { repaint } from '../scheduler.js';
+import { recorded } from '../session.js';
+import { store } from '../store.js';
+import { forgetColors } from '../traces.js';
+import { look, say, toggleGhost, zoomTo } from '../actions.js';
+import { ChartPanel } from './chart.js';
+import { chooser } from './chooser.js';
+import { drawGlyphs, drawMarks, drawn } from './overlay.js';
+
+const FOLLOWED = [5, 10, 30, 60, 300, 600];
+
+export class ChartsPanel extends Panel {
+  /** @type {ChartPanel[]} */
+  #charts = [];
+  /** @type {number | null} */
+  #dragFrom = null;
+
+  build() {
+    this.stack = h('div', { class: 'stack' });
+    this.marks = h('div', { class: 'marks', 'aria-hidden': 'true' });
+    this.hoverLine = h('i', { class: 'hover-line', hidden: true });
+    this.cursorLine = h('i', { class: 'cursor-line', hidden: true });
+    this.nowLine = h('i', { class: 'now-line' });
+    this.selection = h('i', { class: 'selection', hidden: true });
+    this.layer = h('div', { class: 'layer' }, this.marks, this.nowLine, this.hoverLine, this.cursorLine, this.selection);
+    this.glyphs = h('div', { class: 'glyphs' });
+    this.ticks = h('div', { class: 'ticks' });
+    this.hoverTime = h('span', { class: 'hover-time', hidden: true });
+    this.ruler = h('div', { class: 'ruler' }, this.ticks, this.glyphs, this.hoverTime);
+    this.scroller = h('div', { class: 'scroller', tabindex: 0, role: 'region', 'aria-label': 'Charts' },
+      h('div', { class: 'column' }, this.stack, this.layer), h('p', { class: 'empty' }, 'No chart is shown. Choose some above.'));
+    this.append(this.#toolbar(), this.scroller, this.ruler);
+    this.#listen();
+    this.watch((s) => [s.description, s.shown], () => this.#place());
+    this.watch((s) => [s.zoom, s.follow, s.experiment?.clock.duration], () => this.#rescale(true));
+    this.watch((s) => s.now, () => (store.get().follow && !store.get().zoom ? this.#rescale(false) : this.#moveNow()));
+    this.watch((s) => [s.events, s.description, s.zoom, s.now > 0], () => this.#drawMarks());
+    this.watch((s) => s.hover, () => this.#drawHover());
+    this.watch((s) => s.cursor, (cursor) => {
+      this.#line(this.cursorLine, cursor);
+      this.#read();
+    });
+    this.watch((s) => s.theme, () => {
+      forgetColors();
+      repaint(this.#charts, true);
+    });
+    this.watch((s) => s.experiment?.clock.state, () => repaint(this.#charts));
+    const redraw = () => repaint(this.#charts);
+    recorded.addEventListener('change', redraw);
+    this.keep(() => recorded.removeEventListener('change', redraw));
+    loadPlotly().then(() => repaint(this.#charts, true), (error) => say({ tone: 'error', text: error.message }));
+  }
+
+  #toolbar() {
+    const follow = h('select', {
+      'aria-label': 'Time window of the charts',
+      onchange: () => store.set({ follow: Number(follow.value) || null, zoom: null }),
+    });
+    const unzoom = h('button', { class: 'mini', hidden: true, title: 'Show the whole window again (0)', onclick: () => zoomTo(null) }, 'Reset zoom');
+    const ghost = h('button', { class: 'mini', 'aria-pressed': 'false', title: 'Draw the same run without any fault behind this one (g)', onclick: toggleGhost }, 'Run without the fault');
+    this.watch((s) => s.experiment?.clock.duration ?? 0, (duration) => {
+      fill(follow, h('option', { value: '' }, 'whole flight'),
+        ...FOLLOWED.filter((n) => n < duration * 0.7).map((n) => h('option', { value: n }, `last ${n < 60 ? `${n} s` : `${n / 60} min`}`)));
+      store.set({ follow: null });
+    });
+    this.watch((s) => s.zoom, (zoom) => { unzoom.hidden = !zoom; });
+    this.watch((s) => s.ghost, (one) => ghost.setAttribute('aria-pressed', String(!!one)));
+    return h('div', { class: 'toolbar' }, chooser(this), h('label', { class: 'inline' }, 'Window', follow), unzoom, ghost,
+      h('span', { class: 'key' },
+        h('span', { class: 'fault-key' }, '▼ fault'), h('span', { class: 'alarm-key' }, '▲ alarm'), h('span', { class: 'isolated-key' }, '■ isolated')));
+  }
+
+  #place() {
+    const { description, shown } = store.get();
+    const charts = (description?.charts ?? []).filter((c) => shown.includes(c.id));
+    keyed(this.stack ?? this, charts, (c) => `${description?.id}/${c.id}`, (chart) => {
+      if (!description) throw new Error('no description');
+      return new ChartPanel(chart, description, () => this.#frame());
+    });
+    this.#charts = /** @type {ChartPanel[]} */ ([...(this.stack?.children ?? [])]);
+    this.classList.toggle('none', !charts.length && !!description);
+  }
+
+  /** @returns {import('../charts.js').Frame} */
+  #frame() {
+    const { experiment, ghost } = store.get();
+    return { range: this.range(), live: experiment?.clock.state === 'running', ghost: !!ghost };
+  }
+
+  /** What the shared time axis spans [s]. @returns {[number, number]} */
+  range() {
+    const { zoom, follow, now, experiment } = store.get();
+    const duration = experiment?.clock.duration ?? 100;
+    if (zoom) return zoom;
+    if (follow) return [Math.max(0, now - follow), Math.max(follow, now)];
+    return [0, duration];
+  }
+
+  /** @param {boolean} person */
+  #rescale(person) {
+    const [from, to] = this.range();
+    for (const element of [this.layer, this.ruler]) {
+      element?.style.setProperty('--from', String(from));
+      element?.style.setProperty('--span', String(to - from));
+    }
+    this.#drawTicks(from, to);
+    this.#moveNow();
+    this.#line(this.cursorLine, store.get().cursor);
+    this.#drawHover();
+    if (person) repaint(this.#charts, true);
+  }
+
+  /** @param {number} from @param {number} to */
+  #drawTicks(from, to) {
+    const ticks = timeTicks(from, to, 10);
+    const decimals = ticks.length > 1 ? decimalsOf(ticks[1] - ticks[0]) : 0;
+    keyed(this.ticks ?? this, ticks, (t) => t.toFixed(3), (t) => h('span', { style: { '--t': t.toFixed(4) } }), (element, t) => setText(element, clock(t, decimals)));
+  }
+
+  #moveNow() {
+    this.marks?.style.setProperty('--now', String(store.get().now));
+    this.#line(this.nowLine, store.get().now);
+  }
+
+  #drawMarks() {
+    if (!this.marks || !this.glyphs) return;
+    const { events, description, now } = store.get();
+    const [from, to] = this.range();
+    const { bands, marks } = drawn(derive(events, description).spans, now, (to - from) / 400);
+    drawMarks(this.marks, bands, marks);
+    drawGlyphs(this.glyphs, marks, look);
+  }
+
+  #drawHover() {
+    const { hover, description } = store.get();
+    this.#line(this.hoverLine, hover);
+    if (!this.hoverTime) return;
+    this.hoverTime.hidden = hover === null;
+    if (hover !== null) {
+      this.hoverTime.style.setProperty('--t', String(hover));
+      setText(this.hoverTime, clock(hover, Math.max(1, decimalsOf(description?.epoch ?? 1))));
+    }
+    this.#read();
+  }
+
+  #read() {
+    for (const chart of this.#charts) if (chart.visible) chart.read();
+  }
+
+  /** @param {HTMLElement | undefined} line @param {number | null} time */
+  #line(line, time) {
+    if (!line) return;
+    const [from, to] = this.range();
+    line.hidden = time === null || time < from || time > to;
+    if (time !== null) line.style.setProperty('--t', String(time));
+  }
+
+  #listen() {
+    const column = this.stack;
+    if (!column) return;
+    column.addEventListener('pointermove', (event) => {
+      const time = this.#timeAt(event);
+      store.set({ hover: time });
+      if (this.#dragFrom !== null && time !== null && this.selection) {
+        this.selection.hidden = Math.abs(time - this.#dragFrom) < this.#pixel() * 4;
+        this.selection.style.setProperty('--t', String(Math.min(time, this.#dragFrom)));
+        this.selection.style.setProperty('--end', String(Math.max(time, this.#dragFrom)));
+      }
+    });
+    column.addEventListener('pointerleave', () => store.set({ hover: null }));
+    column.addEventListener('pointerdown', (event) => {
+      if (event.button !== 0 || !(event.target instanceof Element) || event.target.closest('header')) return;
+      this.#dragFrom = this.#timeAt(event);
+      column.setPointerCapture(event.pointerId);
+    });
+    column.addEventListener('pointerup', (event) => {
+      const from = this.#dragFrom;
+      this.#dragFrom = null;
+      if (this.selection) this.selection.hidden = true;
+      const to = this.#timeAt(event);
+      if (from === null || to === null) return;
+      if (Math.abs(to - from) >= this.#pixel() * 4) zoomTo([Math.min(from, to), Math.max(from, to)]);
+      else look(to);
+    });
+    column.addEventListener('dblclick', (event) => {
+      if (event.target instanceof Element && event.target.closest('header')) return;
+      zoomTo(null);
+      look(null);
+    });
+    column.addEventListener('wheel', (event) => {
+      const time = this.#timeAt(event);
+      if (!event.ctrlKey || time === null) return;
+      event.preventDefault();
+      const [from, to] = this.range();
+      const scale = event.deltaY > 0 ? 1.25 : 0.8;
+      const { experiment } = store.get();
+      const wider = /** @type {[number, number]} */ ([time - (time - from) * scale, time + (to - time) * scale]);
+      zoomTo(wider[1] - wider[0] >= (experiment?.clock.duration ?? 0) ? null : wider);
+    }, { passive: false });
+  }
+
+  /** @param {MouseEvent} event */
+  #timeAt(event) {
+    if (!this.layer || (event.target instanceof Element && event.target.closest('header') && this.#dragFrom === null)) return null;
+    const box = this.layer.getBoundingClientRect();
+    const share = (event.clientX - box.left) / box.width;
+    const [from, to] = this.range();
+    if (this.#dragFrom === null && (share < -0.01 || share > 1.01)) return null;
+    return from + Math.min(1, Math.max(0, share)) * (to - from);
+  }
+
+  /** Seconds a pixel is wide. */
+  #pixel() {
+    const [from, to] = this.range();
+    return (to - from) / Math.max(1, this.layer?.clientWidth ?? 1);
+  }
+}
+
+document.documentElement.style.setProperty('--plot-left', `${MARGIN.left}px`);
+document.documentElement.style.setProperty('--plot-right', `${MARGIN.right}px`);
+customElements.define('ft-charts', ChartsPanel);

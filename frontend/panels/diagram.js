@@ -1,0 +1,115 @@
+/** The system's block diagram: live health on every block; a click opens what can be done to it. */
+import { Panel, fill, h, setText, svg } from '../dom.js';
+import { HEALTH, healthSign } from '../health.js';
+import { store } from '../store.js';
+import { routes } from './wires.js';
+/** @import {Block, Health, View} from '../types' */
+
+const GRID = { width: 100, height: 68 };
+const LEAST_HEIGHT = 236;
+
+/** @typedef {{group: SVGGElement, sign: SVGPathElement, label: SVGTextElement, text: SVGTextElement, block: Block, width: number}} Drawn */
+
+export class Diagram extends Panel {
+  /** @type {Map<string, Drawn>} */
+  #blocks = new Map();
+  /** @type {{path: SVGPathElement, carries: string | null}[]} */
+  #wires = [];
+
+  build() {
+    this.picture = svg('svg', { role: 'group', 'aria-label': 'Block diagram' });
+    this.frame = h('div', { class: 'picture' }, this.picture);
+    this.append(h('h2', {}, 'System'), this.frame,
+      h('div', { class: 'health-key', 'aria-hidden': 'true' }, ...Object.entries(HEALTH).map(([health, { word }]) =>
+        h('span', {}, healthSign(/** @type {Health} */ (health)), word))));
+    const size = new ResizeObserver(() => this.#draw());
+    size.observe(this.frame);
+    this.keep(() => size.disconnect());
+    this.watch((s) => s.description, (description) => {
+      const title = this.querySelector('h2');
+      if (title) title.textContent = description?.title ?? 'System';
+      this.#draw();
+    });
+    this.watch((s) => [s.pastView ?? s.view, s.cursor === null ? s.experiment?.subsystems : null], () => this.#update());
+  }
+
+  #draw() {
+    const { description } = store.get();
+    const width = this.frame?.clientWidth ?? 0;
+    if (!this.picture || !description || width < 50) return;
+    const height = Math.max(LEAST_HEIGHT, Math.min(width * 0.68, 320));
+    const sx = width / GRID.width;
+    const sy = height / GRID.height;
+    this.picture.setAttribute('viewBox', `0 0 ${width} ${height}`);
+    this.picture.setAttribute('height', String(height));
+    this.#blocks.clear();
+    const boxes = new Map(description.blocks.map((b) => [b.id, { x: b.x * sx, y: b.y * sy, width: b.width * sx, height: b.height * sy }]));
+    this.#wires = routes(description.wires, boxes).map(({ path, carries }) => ({ path: svg('path', { class: 'wire', d: path }), carries }));
+    fill(this.picture, svg('defs', {}, svg('marker', { id: 'arrow', viewBox: '0 0 6 6', refX: 5.4, refY: 3, markerWidth: 5, markerHeight: 5, orient: 'auto' }, svg('path', { d: 'M0 0.6L5.5 3L0 5.4Z' }))),
+      ...this.#wires.map((w) => w.path), ...description.blocks.map((b) => this.#block(b, /** @type {DOMRect} */ (boxes.get(b.id)))));
+    this.#update();
+  }
+
+  /** @param {Block} block @param {{x: number, y: number, width: number, height: number}} box */
+  #block(block, box) {
+    const sign = svg('path', { class: 'sign', transform: `translate(${box.x + box.width - 11} ${box.y + 12})` });
+    const label = svg('text', { class: 'label', x: box.x + 9, y: box.y + 16.5 });
+    const text = svg('text', { class: 'state', x: box.x + 9, y: box.y + 31 });
+    const act = () => this.dispatchEvent(new CustomEvent('block', { bubbles: true, detail: { block, anchor: group } }));
+    const group = svg('g', {
+      class: `block ${block.kind}`, tabindex: 0, role: 'button', 'aria-haspopup': 'dialog',
+      onclick: act, onkeydown: (/** @type {KeyboardEvent} */ event) => {
+        if (event.key !== 'Enter' && event.key !== ' ') return;
+        event.preventDefault();
+        event.stopPropagation();
+        act();
+      },
+    }, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), sign, label, text);
+    label.textContent = fitted(block.label, box.width - 28, '600 11.5px');
+    this.#blocks.set(block.id, { group, sign, label, text, block, width: box.width });
+    return group;
+  }
+
+  #update() {
+    const { view, pastView, experiment, cursor } = store.get();
+    const seen = pastView ?? view;
+    for (const drawn of this.#blocks.values()) {
+      const state = seen?.blocks[drawn.block.id] ?? { health: /** @type {Health} */ ('ok'), text: '' };
+      drawn.group.setAttribute('class', `block ${drawn.block.kind} ${state.health}`);
+      drawn.sign.setAttribute('d', HEALTH[state.health].path);
+      setText(drawn.text, fitted(state.text, drawn.width - 14, '10px'));
+      drawn.group.setAttribute('aria-label', `${drawn.block.label}: ${HEALTH[state.health].word}. ${state.text}`);
+    }
+    const open = new Set(this.#excluded(seen));
+    if (cursor === null) {
+      for (const [name, state] of Object.entries(experiment?.subsystems ?? {})) if (!state.used) open.add(name);
+    }
+    for (const { path, carries } of this.#wires) path.classList.toggle('open', carries !== null && open.has(carries));
+  }
+
+  /** Subsystems that the view shows as shut out. @param {View | null} view */
+  #excluded(view) {
+    return [...this.#blocks.values()]
+      .filter(({ block }) => block.subsystem && ['isolated', 'off'].includes(view?.blocks[block.id]?.health ?? ''))
+      .map(({ block }) => String(block.subsystem));
+  }
+}
+
+const measure = /** @type {CanvasRenderingContext2D} */ (document.createElement('canvas').getContext('2d'));
+/** @type {Map<string, string>} */
+const fits = new Map();
+
+/** Text cut to a width. @param {string} text @param {number} width @param {string} font */
+function fitted(text, width, font) {
+  const key = `${font}/${Math.round(width)}/${text}`;
+  const known = fits.get(key);
+  if (known !== undefined) return known;
+  measure.font = `${font} system-ui, "DejaVu Sans", sans-serif`;
+  let shown = text;
+  while (shown.length > 1 && measure.measureText(shown).width > width) shown = `${shown.slice(0, -2).trimEnd()}…`;
+  if (fits.size > 500) fits.clear();
+  fits.set(key, shown);
+  return shown;
+}
+
+customElements.define('ft-diagram', Diagram);

@@ -1,0 +1,74 @@
+/** Marks drawn through every chart at once: one layer over the whole column, placed by time alone. */
+import { h, keyed } from '../dom.js';
+import { clock } from '../format.js';
+import { joined } from '../marks.js';
+/** @import {Span} from '../types' */
+
+/**
+ * @typedef {object} Mark
+ * @property {string} key
+ * @property {'injected' | 'cleared' | 'alarmed' | 'isolated' | 'readmitted'} kind
+ * @property {number} time
+ * @property {string} label
+ */
+
+/**
+ * Lines at the edges of spans.
+ * @param {Span[]} spans
+ * @param {number} now
+ * @param {number} gap seconds that two lines must be apart to be told apart
+ * @returns {{bands: Span[], marks: Mark[]}}
+ */
+export function drawn(spans, now, gap) {
+  /** @param {Span['row']} row */
+  const of = (row) => spans.filter((s) => s.row === row);
+  const injected = of('injected');
+  const alarmed = joined(of('alarmed'), gap * 3);
+  const isolated = joined(of('isolated'), gap);
+  /** @type {Mark[]} */
+  const marks = [];
+  /** @param {Span} span @param {Mark['kind']} kind @param {number | null} time @param {string} what */
+  const add = (span, kind, time, what) => {
+    if (time === null || time > now + 1e-9) return;
+    marks.push({ key: `${kind}/${span.key}/${span.index}`, kind, time, label: `${clock(time, 1)} ${what}: ${span.label}` });
+  };
+  for (const span of injected) {
+    add(span, 'injected', span.start, 'fault');
+    add(span, 'cleared', span.end, 'fault over');
+  }
+  for (const span of alarmed) add(span, 'alarmed', span.start, 'alarm');
+  for (const span of isolated) {
+    add(span, 'isolated', span.start, 'isolated');
+    add(span, 'readmitted', span.end, 're-admitted');
+  }
+  return { bands: [...injected.filter((s) => s.start <= now), ...alarmed, ...isolated], marks };
+}
+
+/** Lanes of the strips along the top of the layer. */
+const seconds = (/** @type {number} */ t) => t.toFixed(4);
+
+/** @param {HTMLElement} layer @param {Span[]} bands @param {Mark[]} marks */
+export function drawMarks(layer, bands, marks) {
+  const items = [
+    ...bands.map((span) => ({ key: `band/${span.row}/${span.key}/${span.index}`, class: `band ${span.row}`, start: span.start, end: span.end })),
+    ...marks.map((mark) => ({ key: mark.key, class: `mark ${mark.kind}`, start: mark.time, end: undefined })),
+  ];
+  keyed(layer, items, (item) => item.key, (item) => h('i', { class: item.class }), (element, item) => {
+    const place = `${seconds(item.start)}/${item.end}`;
+    if (element.dataset.place === place) return;
+    element.dataset.place = place;
+    element.style.setProperty('--t', seconds(item.start));
+    if (item.end === undefined) return;
+    element.style.setProperty('--end', item.end === null ? 'var(--now)' : seconds(item.end));
+  });
+}
+
+const GLYPHS = { injected: '▼', cleared: '▽', alarmed: '▲', isolated: '■', readmitted: '□' };
+
+/** The same marks as small signs on the time ruler. @param {HTMLElement} ruler @param {Mark[]} marks @param {(time: number) => void} go */
+export function drawGlyphs(ruler, marks, go) {
+  keyed(ruler, marks, (mark) => mark.key, (mark) => h('button', {
+    class: `glyph ${mark.kind}`, title: mark.label, 'aria-label': mark.label, tabindex: -1, style: { '--t': seconds(mark.time) },
+    onclick: () => go(mark.time),
+  }, GLYPHS[mark.kind]));
+}

@@ -1,0 +1,72 @@
+/** The 3-D scene: a frame of this origin, with the legend beside it. */
+import { Panel, fill, h } from '../dom.js';
+import { store } from '../store.js';
+
+const PATIENCE = 15000;
+
+export class Scene extends Panel {
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #timer;
+  #shown = sessionStorage.getItem('scene') !== 'off';
+
+  build() {
+    this.frame = h('iframe', { title: '3-D scene: axes, planes and lines of sight', hidden: true });
+    this.status = h('p', { class: 'status' }, 'Loading the scene …');
+    this.legend = h('div', { class: 'legend', role: 'note', 'aria-label': 'Legend of the scene' });
+    this.toggle = h('button', { class: 'mini', 'aria-pressed': 'true', onclick: () => this.#flip() }, 'hide');
+    this.append(h('h2', {}, 'Scene', this.toggle), h('div', { class: 'stage' }, this.status, this.frame), this.legend);
+    this.frame.addEventListener('load', () => this.#loaded());
+    this.watch((s) => [s.experiment?.id, s.theme, s.connection === 'open'], () => this.#load());
+    this.watch((s) => s.description, (description) => {
+      const families = [...new Set((description?.scene ?? []).map((item) => item.family))];
+      fill(this.legend ?? this, ...families.map((family, i) => h('span', {}, h('i', { class: `swatch family-${i % 6}` }), family)),
+        families.length > 0 && h('span', {}, h('i', { class: 'swatch faulted' }), 'faulted'),
+        families.length > 0 && h('span', {}, h('i', { class: 'swatch isolated' }), 'isolated'));
+      this.hidden = !!description && !description.scene.length;
+    });
+  }
+
+  #flip() {
+    this.#shown = !this.#shown;
+    sessionStorage.setItem('scene', this.#shown ? 'on' : 'off');
+    this.#load();
+  }
+
+  #load() {
+    const { experiment, theme, connection } = store.get();
+    if (!this.frame || !this.status || !this.toggle) return;
+    this.toggle.setAttribute('aria-pressed', String(this.#shown));
+    this.toggle.textContent = this.#shown ? 'hide' : 'show';
+    this.classList.toggle('folded', !this.#shown);
+    if (!this.#shown || !experiment || connection === 'gone') {
+      this.frame.removeAttribute('src');
+      this.frame.hidden = true;
+      return;
+    }
+    if (connection !== 'open') return;
+    const address = `/experiments/${encodeURIComponent(experiment.id)}/scene/${theme === 'dark' ? '?darkMode' : ''}`;
+    this.status.textContent = 'Loading the scene …';
+    this.frame.src = address;
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => this.#unavailable(), PATIENCE);
+  }
+
+  /** The frame has a page; whether it is the scene or a refusal, its own document says. */
+  #loaded() {
+    if (!this.frame || !this.frame.getAttribute('src')) return;
+    const page = this.frame.contentDocument;
+    const scene = page?.querySelector('script, canvas, #root');
+    if (!scene) return this.#unavailable();
+    clearTimeout(this.#timer);
+    this.frame.hidden = false;
+  }
+
+  #unavailable() {
+    clearTimeout(this.#timer);
+    if (!this.frame || !this.status) return;
+    this.frame.hidden = true;
+    fill(this.status, 'Scene unavailable. The diagram tells the same. ', h('button', { class: 'mini', onclick: () => this.#load() }, 'Try again'));
+  }
+}
+
+customElements.define('ft-scene', Scene);

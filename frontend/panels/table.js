@@ -1,0 +1,54 @@
+/** The numbers behind a chart, as a table that can be read aloud, copied and kept. */
+import { Panel, fill, h } from '../dom.js';
+import { file, seriesPath } from '../api.js';
+import { clock, decimalsOf, number, unitText } from '../format.js';
+import { searchAfter } from '../recording.js';
+import { recording } from '../session.js';
+import { store } from '../store.js';
+import { attempt, id, look } from '../actions.js';
+import { download } from './export.js';
+/** @import {Chart} from '../types' */
+
+const MOST = 500;
+
+export class TablePanel extends Panel {
+  build() {
+    this.dialog = h('dialog', { class: 'table', 'aria-label': 'Table' });
+    this.append(this.dialog);
+  }
+
+  /** @param {Chart} chart @param {[number, number]} range what the charts show [s] */
+  open(chart, range) {
+    const { description, now, cursor } = store.get();
+    const from = searchAfter(recording.time, range[0] - 1e-9);
+    const to = searchAfter(recording.time, range[1] + 1e-9);
+    const stride = Math.max(1, Math.ceil((to - from) / MOST));
+    const columns = chart.traces.flatMap((t) => [{ name: t.signal, label: t.label }, ...(t.sigma ? [{ name: t.sigma, label: `${t.label} 1σ` }] : [])]);
+    const factors = new Map(description?.signals.map((s) => [s.name, s.factor]));
+    const decimals = decimalsOf(description?.epoch ?? 1);
+    const unit = unitText(chart.unit);
+    /** @type {HTMLTableRowElement[]} */
+    const rows = [];
+    for (let i = from; i < to; i += stride) {
+      rows.push(h('tr', {}, h('th', { scope: 'row' }, clock(recording.time[i], decimals)),
+        ...columns.map(({ name }) => h('td', {}, number((recording.column(name)?.[i] ?? NaN) / (factors.get(name) ?? 1), 4)))));
+    }
+    const caption = `${rows.length} of ${to - from} epochs from ${clock(range[0])} to ${clock(Math.min(range[1], now))}${stride > 1 ? `, every ${stride}th` : ''}${unit ? `; values in ${unit}` : ''}`;
+    fill(this.dialog ?? this,
+      h('header', {}, h('h2', {}, chart.title), h('button', { class: 'mini', onclick: () => attempt(async () => download(await file(seriesPath(id(), columns.map((c) => c.name)), 'text/csv'), `ftlab-${chart.id}.csv`)) }, 'CSV (SI)'),
+        h('form', { method: 'dialog' }, h('button', { class: 'mini', 'aria-label': 'Close' }, '×'))),
+      h('div', { class: 'sheet', tabindex: 0, role: 'region', 'aria-label': 'Numbers' },
+        h('table', {}, h('caption', {}, caption), h('thead', {}, h('tr', {}, h('th', { scope: 'col' }, 'time'), ...columns.map((c) => h('th', { scope: 'col' }, c.label)))), h('tbody', {}, ...rows))));
+    this.dialog?.showModal();
+    const at = cursor ?? now;
+    const row = Math.min(rows.length - 1, Math.max(0, Math.round((recording.index(at) - from) / stride)));
+    rows[row]?.scrollIntoView({ block: 'center' });
+    rows[row]?.classList.add('at');
+    this.dialog?.querySelector('tbody')?.addEventListener('click', (event) => {
+      const line = event.target instanceof Element ? event.target.closest('tr') : null;
+      if (line) look(recording.time[from + rows.indexOf(line) * stride]);
+    });
+  }
+}
+
+customElements.define('ft-table', TablePanel);

@@ -1,0 +1,47 @@
+/**
+ * How a line looks: by its role, then by its place among its peers. Vermilion, yellow and purple are kept for faults,
+ * alarms and isolation; a dash tells lines apart where colour does not.
+ * @import {Chart, Trace} from './types'
+ */
+
+/** @typedef {{color: string, width: number, dash: string, opacity: number}} Style */
+
+const DASHES = ['solid', '5px,2px', '2px,2px', '8px,3px,2px,3px'];
+
+/** @type {Map<string, string>} */
+const colors = new Map();
+
+/** A colour of the theme by the name of its custom property. @param {string} name */
+export function color(name) {
+  let value = colors.get(name);
+  if (value === undefined) {
+    value = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+    colors.set(name, value);
+  }
+  return value;
+}
+
+export function forgetColors() {
+  colors.clear();
+}
+
+const SERIES = ['series-1', 'series-2', 'series-3', 'series-4', 'series-5'];
+
+/** @param {Chart} chart @param {Trace} trace @returns {Style} */
+export function style(chart, trace) {
+  const place = chart.traces.filter((t) => t.role === trace.role).indexOf(trace);
+  const shade = SERIES[place % SERIES.length];
+  const dash = DASHES[Math.floor(place / SERIES.length) % DASHES.length];
+  switch (trace.role) {
+    case 'protected':
+      return { color: color(place ? shade : 'series-1'), width: 1.6, dash, opacity: 1 };
+    case 'local':
+      return { color: color(SERIES[1 + (place % 3)]), width: 1.1, dash: DASHES[1 + (place % 3)], opacity: 1 };
+    case 'unprotected':
+      return { color: color('dim'), width: 1.2, dash: '2px,2px', opacity: 1 };
+    case 'threshold':
+      return { color: color('ink'), width: 1, dash: '7px,4px', opacity: 0.75 };
+    default:
+      return { color: color(shade), width: 1.2, dash, opacity: 1 };
+  }
+}

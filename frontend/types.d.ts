@@ -1,0 +1,87 @@
+/** What travels between server and page. The server's OpenAPI document is the authority; these are its words for the editor. */
+
+export type Health = "ok" | "suspect" | "isolated" | "off" | "faulted";
+
+export interface KindInfo { label: string; sentence: string; unit: string | null; parameters: string[] }
+export interface Channel {
+  name: string; label: string; unit: string; sensor: string; group: string; kinds: string[]; typical: number;
+  faults: Record<string, KindInfo>;
+}
+export interface Subsystem { name: string; label: string; isolable: boolean }
+export interface Test { name: string; label: string; subjects: string[]; dof: string; source: string; unit: string; alarm_when: "above" | "below" }
+export interface Signal { name: string; label: string; unit: string; group: string; factor: number }
+export type Role = "protected" | "local" | "unprotected" | "statistic" | "threshold" | "component" | "weight";
+export interface Trace { signal: string; label: string; role: Role; sigma: string | null }
+export interface Chart {
+  id: string; title: string; unit: string; group: string; scale: "linear" | "log"; stacked: boolean; traces: Trace[]; shown: boolean;
+}
+export interface Block {
+  id: string; label: string; kind: string; x: number; y: number; width: number; height: number;
+  sensor: string | null; subsystem: string | null; settings: string[];
+}
+export interface Wire { source: string; target: string; carries: string | null }
+export interface SceneItem { id: string; label: string; kind: string; frame: string; family: string; channel: string | null }
+export interface Schema {
+  type?: string; title?: string; description?: string; default?: unknown; enum?: unknown[]; const?: unknown; unit?: string;
+  minimum?: number; maximum?: number; exclusiveMinimum?: number; exclusiveMaximum?: number; multipleOf?: number;
+  properties?: Record<string, Schema>; anyOf?: Schema[]; allOf?: Schema[]; $ref?: string; $defs?: Record<string, Schema>; items?: Schema;
+}
+export interface SystemDescription {
+  id: string; title: string; summary: string; source: string; epoch: number;
+  channels: Channel[]; subsystems: Subsystem[]; estimators: Record<string, string>; tests: Test[]; signals: Signal[]; charts: Chart[];
+  blocks: Block[]; wires: Wire[]; scene: SceneItem[]; settings_schema: Schema; parameters_schema: Schema; fault_schema: Schema;
+}
+export interface Scenario { id: string; title: string; summary: string; hint: string; system: string; duration: number; source?: string }
+export interface Clock { state: "paused" | "running" | "finished" | "failed"; time: number; epoch: number; speed: number | "max"; duration: number; reason?: string | null }
+export interface Fault {
+  id: string; channel: string; kind: string; magnitude: number; unit: string | null; start: number; end: number | null;
+  state: "armed" | "active" | "ended";
+}
+export interface SubsystemState { enabled: boolean; used: boolean; health: Health }
+export interface Experiment {
+  id: string; title: string; system: string; seed: number; scenario: { id: string; title: string; hint: string };
+  clock: Clock; faults: Fault[]; subsystems: Record<string, SubsystemState>; settings: Record<string, unknown>;
+  parent: string | null; ghost_of: string | null;
+}
+export interface Event { index: number; time: number; run: number; kind: string; subject: string; detail: Record<string, any> }
+export interface BlockView { health: Health; text: string }
+export interface View { time: number; blocks: Record<string, BlockView> }
+export interface HeadlineItem { label: string; value: number | null; unit: string; note?: string; compare_label: string | null; compare: number | null }
+export interface Score { headline: HeadlineItem[] }
+export interface Series { time: number[]; signals: Record<string, (number | null)[]> }
+export interface Call { method: string; path: string; body?: unknown; status: number | null; ms: number; at: number }
+
+/** A stretch of time in which something was so: a fault live, a test alarmed, a subsystem isolated. */
+export interface Span { row: "injected" | "alarmed" | "isolated"; key: string; label: string; start: number; end: number | null; index: number }
+/** One thing the operator did. */
+export interface Point { time: number; label: string; index: number }
+
+export interface Notice { tone: "error" | "warning" | "info"; text: string; action?: { label: string; run: () => void }; sticky?: boolean }
+
+export interface State {
+  scenarios: Scenario[];
+  description: SystemDescription | null;
+  experiment: Experiment | null;
+  relatives: Experiment[];
+  events: Event[];
+  now: number;
+  view: View | null;
+  pastView: View | null;
+  cursor: number | null;
+  hover: number | null;
+  zoom: [number, number] | null;
+  follow: number | null;
+  shown: string[];
+  ghost: Experiment | null;
+  score: Score | null;
+  connection: "idle" | "connecting" | "open" | "lost" | "gone";
+  theme: "dark" | "light";
+  notice: Notice | null;
+  welcome: boolean;
+  prefill: { sensor: string } | null;
+  busy: string | null;
+}
+
+declare global {
+  interface Window { Plotly?: { react(el: HTMLElement, data: object[], layout: object, config?: object): Promise<unknown>; purge(el: HTMLElement): void } }
+}

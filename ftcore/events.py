@@ -91,7 +91,11 @@ def edges(
             kind = "subsystem.readmitted"
         if kind is not None:
             because = [
-                {"test": name, "statistic": float(output.statistic[run, i]), "threshold": float(output.threshold[run, i])}
+                {
+                    "test": name,
+                    "statistic": float(output.statistic[run, i]),
+                    "threshold": float(output.threshold[run, i]),
+                }
                 for i, (name, subject) in enumerate(tests)
                 if output.alarm[run, i] and subject == subjects[column]
             ]

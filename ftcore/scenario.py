@@ -87,7 +87,9 @@ class Scenario(Strict):
     settings: dict[str, Any] = Field(default_factory=dict, description="changeable in flight; schema: the system's")
     subsystems: dict[str, bool] = Field(default_factory=dict, description="switched on or off at the start")
     faults: tuple[Fault, ...] = Field(default=(), max_length=MAX_FAULTS)
-    commands: tuple[Command, ...] = Field(default=(), max_length=20000, description="what the operator did, to replay it")
+    commands: tuple[Command, ...] = Field(
+        default=(), max_length=20000, description="what the operator did, to replay it"
+    )
 
     @field_validator("system")
     @classmethod

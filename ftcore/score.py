@@ -177,9 +177,7 @@ def _fault_score(
     wrong = [e for e in accused if not any(concerns(e.subject, s) for s in faulty)]
     readmit = None
     if fault.end is not None and fault.end <= now:
-        readmit, _ = _first(
-            events, "subsystem.readmitted", lambda e: concerns(e.subject, sensor), fault.end, now, runs
-        )
+        readmit, _ = _first(events, "subsystem.readmitted", lambda e: concerns(e.subject, sensor), fault.end, now, runs)
     lo, hi = np.searchsorted(recording.time, [start - 1e-9, end + 1e-9])
     worst = {
         name: float(np.nanmax(np.abs(recording.rows[lo:hi, :, recording.column[name]])))
@@ -213,8 +211,7 @@ def _test_score(
     reached = [
         f.start
         for f in live
-        if f.start is not None
-        and (concerns(subject, channels[f.channel].sensor) or not subject.startswith("imu"))
+        if f.start is not None and (concerns(subject, channels[f.channel].sensor) or not subject.startswith("imu"))
     ]
     until = min(reached, default=np.inf)
     n = int(np.searchsorted(recording.time, until - 1e-9))
@@ -275,7 +272,8 @@ def _headline(
     items.append(Headline(label="False alarms", value=float(alarms), unit="", note=f"of {epochs} fault-free tests"))
     if len(description.score_headline) > 1 and len(recording):
         mine, twin = description.score_headline[:2]
-        lo = int(np.searchsorted(recording.time, SETTLING - 1e-9))
+        since = min((f.start for f in faults), default=SETTLING)
+        lo = int(np.searchsorted(recording.time, since - 1e-9))
         rows = recording.rows[lo:] if len(recording) > lo else recording.rows
         worst = [float(np.nanmax(np.abs(rows[:, :, recording.column[n]]))) for n in (mine, twin)]
         signal = recording.signals[mine]
@@ -284,6 +282,7 @@ def _headline(
                 label=f"Worst {signal.label}",
                 value=worst[0],
                 unit=signal.unit,
+                note="since the first fault" if faults else "since the filters settled",
                 compare_label=recording.signals[twin].label,
                 compare=worst[1],
             )
@@ -293,6 +292,11 @@ def _headline(
         name, score = consistent
         value = float(score.nees or 0.0) / float(score.nees_dof or 1)
         items.append(
-            Headline(label="Consistency (NEES / dof)", value=value, unit="", note=f"{name}; 1 is consistent, less is cautious")
+            Headline(
+                label="Consistency (NEES / dof)",
+                value=value,
+                unit="",
+                note=f"{name}; 1 is consistent, less is cautious",
+            )
         )
     return items

@@ -246,9 +246,7 @@ class Simulation:
 
     def score(self) -> Score:
         """The flight so far against the truth; see :mod:`ftcore.score`."""
-        return compute(
-            self._recording, self._events, self._operator.faults, self.description, self._channels
-        )
+        return compute(self._recording, self._events, self._operator.faults, self.description, self._channels)
 
     def document(self) -> Scenario:
         """The scenario with everything the operator did, ready to be flown again to the same bits."""
@@ -294,7 +292,9 @@ class Simulation:
         if epochs is not None and epochs < 0:
             raise CommandError("epochs", f"epochs is {epochs}; it must not be negative")
         if until is not None and (not math.isfinite(until) or until < self.now - 1e-9):
-            raise CommandError("until", f"until is {until} s, but the flight is at {self.now:g} s already; rewind first")
+            raise CommandError(
+                "until", f"until is {until} s, but the flight is at {self.now:g} s already; rewind first"
+            )
         target = self.last_epoch
         if until is not None:
             target = min(target, math.floor(until / self.period + 1e-6))
@@ -428,9 +428,7 @@ class Simulation:
         """One epoch as a pure function: plant, faults, navigator."""
         epoch = state.epoch + 1
         plant, truth, clean = self._assembly.plant.step(state.plant, epoch, state.command)
-        memory, readings = apply(
-            operator.faults, self._channels, state.memory, clean, self._noise, epoch, self.period
-        )
+        memory, readings = apply(operator.faults, self._channels, state.memory, clean, self._noise, epoch, self.period)
         navigator, output = self._assembly.navigator.step(state.navigator, readings, operator.controls)
         after = State(epoch, plant, navigator, memory, output.command, output.alarm, output.health, output.used)
         return after, truth, output

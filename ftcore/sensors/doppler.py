@@ -12,7 +12,14 @@ Array = NDArray[np.float64]
 
 
 def sense(
-    velocity_n: Array, C_nb: Array, scale: Array, drift: Array, sigma: float, noise: NoiseSource, epoch: int, time: float
+    velocity_n: Array,
+    C_nb: Array,
+    scale: Array,
+    drift: Array,
+    sigma: float,
+    noise: NoiseSource,
+    epoch: int,
+    time: float,
 ) -> Group:
     """One epoch of body velocity.
 

@@ -134,6 +134,4 @@ class System(Protocol):
 
 def addresses(description: SystemDescription) -> dict[str, ChannelAddress]:
     """Channel name -> where it lives in the readings."""
-    return {
-        c.name: ChannelAddress(c.name, c.group, c.parts, c.unit, c.kinds, c.sensor) for c in description.channels
-    }
+    return {c.name: ChannelAddress(c.name, c.group, c.parts, c.unit, c.kinds, c.sensor) for c in description.channels}

@@ -23,7 +23,7 @@ class SinsGpsDoppler:
         from ftcore.systems.sins_gps_doppler.plant import Plant
         from ftcore.systems.sins_gps_doppler.reporter import Reporter
 
-        instruments = Navigator.geometry(parameters)
-        plant = Plant(parameters, instruments.axes, duration, noise)
-        navigator = Navigator(parameters, instruments, len(runs), plant.alignment(), plant.calibration())
-        return Assembly(plant, navigator, Reporter(instruments, EPOCH), TESTS, SUBJECTS)
+        cluster = Navigator.geometry(parameters)
+        plant = Plant(parameters, cluster.H, duration, noise)
+        navigator = Navigator(parameters, cluster, len(runs), plant.alignment(), plant.calibration())
+        return Assembly(plant, navigator, Reporter(cluster), TESTS, SUBJECTS)

@@ -129,9 +129,7 @@ def _tests() -> list[Test]:
         ("glr", "1 for each onset and channel", "Willsky and Jones"),
         ("cusum", "1 (normal scores of the residual statistic)", "Page; Brook and Evans"),
     )
-    found = [
-        Test(name=n, label=_TEST_LABELS[n], subjects=aids, dof=dof, source=source) for n, dof, source in rows
-    ]
+    found = [Test(name=n, label=_TEST_LABELS[n], subjects=aids, dof=dof, source=source) for n, dof, source in rows]
     for name, source in (("parity", "001 (29)-(32)"), ("glt", "000 [12]")):
         found.append(
             Test(
@@ -178,9 +176,13 @@ def _signals() -> list[Signal]:
             Signal(name=f"used.{subject}", label=f"{_subject_label(subject)} used", unit="1", group="decision")
         )
     for axis in ("x", "y", "z"):
-        found.append(Signal(name=f"reading.doppler.{axis}", label=f"Doppler {axis}: reading", unit="m/s", group="output"))
         found.append(
-            Signal(name=f"estimate.doppler.{axis}", label=f"Doppler {axis}: estimated output", unit="m/s", group="output")
+            Signal(name=f"reading.doppler.{axis}", label=f"Doppler {axis}: reading", unit="m/s", group="output")
+        )
+        found.append(
+            Signal(
+                name=f"estimate.doppler.{axis}", label=f"Doppler {axis}: estimated output", unit="m/s", group="output"
+            )
         )
     for slot in SLOTS:
         found.append(
@@ -401,7 +403,9 @@ def _scene() -> list[SceneItem]:
         items.append(SceneItem(id=f"spin.{k}", label=f"spin {k}", kind="spin", family=f"instrument {k}"))
         items.append(SceneItem(id=f"plane.{k}", label=f"fault plane {k}", kind="plane", family=f"instrument {k}"))
     for cluster in CLUSTERS:
-        items.append(SceneItem(id=f"parity.{cluster}", label=f"{cluster} parity", kind="vector", family="parity vector"))
+        items.append(
+            SceneItem(id=f"parity.{cluster}", label=f"{cluster} parity", kind="vector", family="parity vector")
+        )
     for slot in SLOTS:
         items.append(
             SceneItem(

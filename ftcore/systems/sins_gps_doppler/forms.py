@@ -16,7 +16,9 @@ DRIVERS = ("residual", "state", "two-propagator", "glr", "cusum")
 Driver = Literal["residual", "state", "two-propagator", "glr", "cusum", "none"]
 
 
-def quantity(default: float, unit: str, description: str, low: float, high: float, source: str = "FTLab default") -> Any:
+def quantity(
+    default: float, unit: str, description: str, low: float, high: float, source: str = "FTLab default"
+) -> Any:
     """A number with unit, bounds and source."""
     extra = {"unit": unit, "source": source}
     return Field(default=default, ge=low, le=high, description=description, json_schema_extra=extra)
@@ -50,13 +52,15 @@ class Inertial(Form):
     angle_random_walk: float = quantity(0.01, "deg/sqrt(h)", "gyro white noise, each axis", 0.0, 100.0)
     accelerometer_bias: float = quantity(100.0, "ug", "accelerometer bias, 1-sigma, each axis", 0.0, 1e6)
     accelerometer_noise: float = quantity(10.0, "ug/sqrt(Hz)", "accelerometer white noise, each axis", 0.0, 1e6)
-    calibration: float = quantity(60.0, "s", "standstill before the flight that calibrates the parity vector", 1.0, 3600.0)
+    calibration: float = quantity(
+        60.0, "s", "standstill before the flight that calibrates the parity vector", 1.0, 3600.0
+    )
 
 
 class Aiding(Form):
     """GPS, Doppler radar and altimeter."""
 
-    constellation_time: float = quantity(0.0, "s", "start of the flight after the almanac epoch", 0.0, 1e6)
+    constellation_time: float = quantity(48000.0, "s", "start of the flight after the almanac epoch", 0.0, 1e6)
     mask: float = quantity(5.0, "deg", "elevation mask", 0.0, 60.0)
     pseudorange: float = quantity(10.0, "m", "pseudorange noise, 1-sigma", 0.01, 1000.0)
     delta_range: float = quantity(0.1, "m/s", "delta pseudorange noise, 1-sigma", 0.001, 100.0)
@@ -100,7 +104,12 @@ class Settings(Form):
         description="the test whose alarms exclude GPS or Doppler; the others watch. none: nobody is excluded",
     )
     false_alarm_probability: float = Field(
-        default=1e-3, ge=1e-9, le=0.2, title="False alarm", description="per test and epoch", json_schema_extra={"unit": "1"}
+        default=1e-3,
+        ge=1e-9,
+        le=0.2,
+        title="False alarm",
+        description="per test and epoch",
+        json_schema_extra={"unit": "1"},
     )
     confirm: int = Field(default=2, ge=1, le=20, title="Confirm, m", description="alarms that confirm a fault ...")
     within: int = Field(default=3, ge=1, le=20, title="of n epochs", description="... within so many epochs")
@@ -133,12 +142,18 @@ class Settings(Form):
         json_schema_extra={"unit": "1"},
     )
     propagator_period: int = Field(
-        default=30, ge=2, le=600, title="Propagator period", description="seconds between resets of the two propagators",
+        default=30,
+        ge=2,
+        le=600,
+        title="Propagator period",
+        description="seconds between resets of the two propagators",
         json_schema_extra={"unit": "s"},
     )
 
     @model_validator(mode="after")
     def _m_of_n(self) -> Settings:
         if self.confirm > self.within:
-            raise ValueError(f"confirm {self.confirm} of {self.within} cannot be; confirm may be at most the number of epochs")
+            raise ValueError(
+                f"confirm {self.confirm} of {self.within} cannot be; confirm may be at most the number of epochs"
+            )
         return self

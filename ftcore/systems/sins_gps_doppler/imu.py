@@ -7,19 +7,21 @@ calibration a healthy unit would alarm forever).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.detection import chi_square, supervisor
-from ftcore.detection.geometry import InstrumentSet
+from ftcore.detection import parity, supervisor
+from ftcore.detection.geometry import Cluster, mask_index
 from ftcore.readings import Group
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_doppler.forms import Settings
 
 Array = NDArray[np.float64]
 CLUSTERS, INSTRUMENTS = 2, 3
+SUBJECTS = ("set", "1", "2", "3")
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class RedundantImu:
     """Checks and solves the redundant IMU.
 
     Args:
-        instruments: geometry, the same for gyros and accelerometers.
+        cluster: geometry, the same for gyros and accelerometers.
         density: white noise densities of gyro and accelerometer axes [SI per sqrt(Hz)].
         bias: 1-sigma axis biases [SI].
         calibration: mean readings at rest ``(runs, 2, 6)``.
@@ -72,22 +74,14 @@ class RedundantImu:
     """
 
     def __init__(
-        self,
-        instruments: InstrumentSet,
-        density: Array,
-        bias: Array,
-        calibration: Array,
-        calibration_time: float,
-        epoch: float,
+        self, cluster: Cluster, density: Array, bias: Array, calibration: Array, calibration_time: float, epoch: float
     ) -> None:
-        self._set = instruments
+        self._cluster = cluster
         self._density, self._bias = density, bias
-        self._offset = calibration @ instruments.parity.T
-        self._variance = density**2 * (1.0 / epoch + 1.0 / calibration_time)
-        self._norms = np.vecdot(instruments.parity.T, instruments.parity.T)
-        self._gains = instruments.gains
-        # Body covariance of unit-variance axis errors for every set of instruments.
-        self._spread = self._gains @ self._gains.swapaxes(-1, -2)
+        # In units of its own noise a gyro is an accelerometer: one reference serves both, stacked along the runs.
+        self._unit = np.maximum(density, 1e-12) / math.sqrt(epoch)
+        at_rest = (calibration / self._unit[:, None]).reshape(-1, 1, cluster.axes)
+        self._reference = parity.calibrate(cluster, at_rest, 1.0, math.sqrt(epoch / calibration_time))
 
     def initial(self, runs: int) -> ImuState:
         """All instruments trusted."""
@@ -99,72 +93,62 @@ class RedundantImu:
         """One epoch of samples ``(runs, 6, samples)`` each."""
         samples = np.stack([gyro.values, accelerometer.values], axis=1)
         runs = len(samples)
-        valid = np.stack(np.broadcast_arrays(gyro.valid, accelerometer.valid), axis=1)
-        valid = np.broadcast_to(valid, (runs, CLUSTERS, valid.shape[-1]))
-        present = valid.reshape(runs, CLUSTERS, INSTRUMENTS, -1).all(axis=-1)
         mean = samples.mean(axis=-1)
-        if not valid.all():
+        present = np.ones((runs, CLUSTERS, INSTRUMENTS), bool)
+        if not (gyro.valid.all() and accelerometer.valid.all()):
+            valid = np.broadcast_to(np.stack(np.broadcast_arrays(gyro.valid, accelerometer.valid), axis=1), mean.shape)
+            present = valid.reshape(runs, CLUSTERS, INSTRUMENTS, -1).all(axis=-1)
             # An axis without a reading says what the others say: it can neither alarm nor hide an alarm.
-            everything = self._mask(present)
-            solution = np.matvec(self._gains[everything], np.where(valid, mean, 0.0))
-            mean = np.where(valid, mean, solution @ self._set.axes.T)
+            others = np.matvec(self._cluster.gains[mask_index(present)], np.where(valid, mean, 0.0))
+            mean = np.where(valid, mean, others @ self._cluster.H.T)
             samples = np.where(valid[..., None], samples, 0.0)
-        parity = mean @ self._set.parity.T - self._offset
-        sigma2 = self._variance[:, None]
-        fd = np.vecdot(parity, parity) / self._variance
-        normal = (parity @ self._set.normals.T) ** 2 / sigma2
-        per_axis = (parity @ self._set.parity) ** 2 / (self._norms * sigma2)
-        glt = per_axis.reshape(runs, CLUSTERS, INSTRUMENTS, -1).max(axis=-1)
+        readings = (mean / self._unit[:, None]).reshape(runs * CLUSTERS, -1)
         p_fa = settings.false_alarm_probability
-        t3, t1 = chi_square.threshold(p_fa, 3), chi_square.threshold(p_fa, 1)
-        detected = fd > t3
-        best = glt == glt.max(axis=-1, keepdims=True)
-        in_plane = normal < t1
-        named_by_parity = normal == normal.min(axis=-1, keepdims=True)
-        fd_ = fd[..., None]
-        alarm_parity = np.concatenate([detected[..., None], detected[..., None] & in_plane], axis=-1)
-        alarm_glt = np.concatenate([detected[..., None], detected[..., None] & best], axis=-1)
-        statistic = np.stack([np.concatenate([fd_, normal], -1), np.concatenate([fd_, glt], -1)], axis=1)
-        alarm = np.stack([alarm_parity, alarm_glt], axis=1)
-        thresholds = np.broadcast_to(np.array([t3, t1, t1, t1], float), statistic.shape)
-        dof = np.broadcast_to(np.array([3.0, 1.0, 1.0, 1.0]), statistic.shape)
+        results = {
+            "parity": parity.parity_test(self._reference, readings, p_fa, SUBJECTS),
+            "glt": parity.glt_test(self._reference, readings, p_fa, SUBJECTS),
+        }
 
-        driver = settings.imu_driving_test
-        accused = best if driver == "glt" else named_by_parity
-        driving = (detected[..., None] & accused) if driver != "none" else np.zeros_like(accused)
+        def columns(field: str) -> Array:
+            table = [getattr(r, field) for test in results.values() for r in test]
+            return np.moveaxis(
+                np.stack(table).reshape(len(results), len(SUBJECTS), runs, CLUSTERS), (2, 3), (0, 2)
+            ).reshape(runs, -1)
+
+        driving = np.zeros((runs, CLUSTERS, INSTRUMENTS), bool)
+        if settings.imu_driving_test != "none":
+            named = [r.alarm for r in results[settings.imu_driving_test][1:]]
+            driving = np.stack(named, axis=-1).reshape(runs, CLUSTERS, INSTRUMENTS)
         # Two instruments are the least that can be solved: while one is out, nobody else can be put out.
         out = (state.supervisor.health == supervisor.ISOLATED).reshape(runs, CLUSTERS, INSTRUMENTS)
         driving = driving & (out | ~out.any(axis=-1, keepdims=True))
-        admitted = np.repeat(~detected, INSTRUMENTS, axis=-1)
+        quiet = ~results["parity"][0].alarm.reshape(runs, CLUSTERS)
         supervision, decision = supervisor.step(
-            state.supervisor, driving.reshape(runs, -1), admitted, np.ones((1, 6), bool), rules
+            state.supervisor,
+            driving.reshape(runs, -1),
+            np.repeat(quiet, INSTRUMENTS, axis=-1),
+            np.ones((1, CLUSTERS * INSTRUMENTS), bool),
+            rules,
         )
-        used = decision.use.reshape(runs, CLUSTERS, INSTRUMENTS)
+        used = decision.use.reshape(runs, CLUSTERS, INSTRUMENTS) & present
         # With fewer than two left (a second one without readings), all that are there are used in spite of everything.
-        used = np.where((used & present).sum(axis=-1, keepdims=True) >= 2, used & present, present)
-        now, before = self._mask(used), self._mask(state.used)
-        gains = self._gains[np.stack([now, self._mask(present)], axis=-1)]
-        body = np.swapaxes(gains @ samples[:, :, None], -1, -2)
-        change = self._gains[now] - self._gains[before]
-        bias_change = change @ change.swapaxes(-1, -2) * (self._bias**2)[:, None, None]
-        noise = self._spread[np.stack([now, self._mask(present)], axis=1)] * (self._density**2)[:, None, None]
+        used = np.where(used.sum(axis=-1, keepdims=True) >= 2, used, present)
+        now, before = mask_index(used), mask_index(state.used)
+        both = np.stack([now, mask_index(present)], axis=1)
+        body = np.swapaxes(self._cluster.gains[both] @ samples[:, None], -1, -2)
+        change = self._cluster.gains[now] - self._cluster.gains[before]
         epoch = ImuEpoch(
-            omega_b=body[:, 0],
-            f_b=body[:, 1],
-            parity=parity,
-            statistic=statistic.reshape(runs, -1),
-            threshold=thresholds.reshape(runs, -1),
-            dof=dof.reshape(runs, -1),
-            alarm=alarm.reshape(runs, -1),
+            omega_b=body[:, :, 0],
+            f_b=body[:, :, 1],
+            parity=np.asarray(results["parity"][0].innovation).reshape(runs, CLUSTERS, -1) * self._unit[:, None],
+            statistic=columns("statistic"),
+            threshold=columns("threshold"),
+            dof=columns("dof"),
+            alarm=columns("alarm").astype(bool),
             decision=decision,
             used=used,
-            changed=(now != before).any(axis=-1),
-            bias_change=bias_change,
-            noise=noise,
+            changed=np.asarray((now != before).any(axis=-1)),
+            bias_change=change @ change.swapaxes(-1, -2) * np.square(self._bias)[:, None, None],
+            noise=self._cluster.covariances[both] * np.square(self._density)[:, None, None],
         )
         return ImuState(supervision, used), epoch
-
-    @staticmethod
-    def _mask(used: Flags) -> NDArray[np.intp]:
-        """Index into the gains: bit k set where instrument k + 1 is used, ``(runs, 2)``."""
-        return used @ np.array([1, 2, 4])

@@ -46,7 +46,9 @@ class Geometry:
     e_n: Array
 
 
-def gps(ins: InsState, satellites: Array, velocities: Array, ranges: Array, rates: Array) -> tuple[Measurement, Geometry]:
+def gps(
+    ins: InsState, satellites: Array, velocities: Array, ranges: Array, rates: Array
+) -> tuple[Measurement, Geometry]:
     """Pseudoranges, then delta pseudoranges, against the strapdown's prediction.
 
     Args:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ftcore import units
 from ftcore.detection import chi_square, supervisor
-from ftcore.detection.geometry import InstrumentSet, three_two_dof
+from ftcore.detection.geometry import Cluster, three_two_dof
 from ftcore.estimation import federated, ins_error, kalman
 from ftcore.estimation.federated import Estimate, Sharing
 from ftcore.estimation.strapdown import InsState, damp_vertical, damping_gains, propagate
@@ -76,7 +76,7 @@ class Navigator:
     def __init__(
         self,
         p: Parameters,
-        instruments: InstrumentSet,
+        cluster: Cluster,
         runs: int,
         alignment: InsState,
         calibration: tuple[Array, Array],
@@ -85,15 +85,17 @@ class Navigator:
         self._runs = runs
         self._alignment = alignment
         i, a = p.inertial, p.aiding
-        density = np.array([units.to_si(i.angle_random_walk, "deg/sqrt(h)"), units.to_si(i.accelerometer_noise, "ug/sqrt(Hz)")])
+        density = np.array(
+            [units.to_si(i.angle_random_walk, "deg/sqrt(h)"), units.to_si(i.accelerometer_noise, "ug/sqrt(Hz)")]
+        )
         bias = np.array([units.to_si(i.gyro_bias, "deg/h"), units.to_si(i.accelerometer_bias, "ug")])
-        self._imu = RedundantImu(instruments, density, bias, np.stack(calibration, axis=1), i.calibration, EPOCH)
-        self._P0 = _initial_covariance(p, instruments, bias)
+        self._imu = RedundantImu(cluster, density, bias, np.stack(calibration, axis=1), i.calibration, EPOCH)
+        self._P0 = _initial_covariance(p, cluster, bias)
         self._gains = damping_gains(a.vertical_damping, p.flight.height)
         self._tests = AidTests(runs)
 
     @staticmethod
-    def geometry(p: Parameters) -> InstrumentSet:
+    def geometry(p: Parameters) -> Cluster:
         """Three 2-DOF instruments at the mounting angles."""
         phi, theta, psi = (math.radians(angle) for angle in p.inertial.mounting)
         return three_two_dof(phi, theta, psi)
@@ -101,7 +103,9 @@ class Navigator:
     def initial(self, controls: Controls) -> NavigatorState:
         """Before the first epoch: aligned, everybody trusted."""
         sharing = _sharing(controls.settings)
-        twice = InsState(*(np.repeat(v, 2, axis=0) for v in (self._alignment.lla, self._alignment.v_n, self._alignment.C_nb)))
+        twice = InsState(
+            *(np.repeat(v, 2, axis=0) for v in (self._alignment.lla, self._alignment.v_n, self._alignment.C_nb))
+        )
         return NavigatorState(
             ins=twice,
             filters=bank.start(self._runs, self._P0, sharing),
@@ -119,9 +123,7 @@ class Navigator:
         settings: Settings = controls.settings
         runs = self._runs
         rules = supervisor.Rules(settings.confirm, settings.within, 1, settings.hold_off)
-        imu_state, imu = self._imu.step(
-            state.imu, readings["imu.gyro"], readings["imu.accelerometer"], settings, rules
-        )
+        imu_state, imu = self._imu.step(state.imu, readings["imu.gyro"], readings["imu.accelerometer"], settings, rules)
         ins, Phi, Q = self._fly(state.ins, imu, readings, controls)
 
         sharing = _sharing(settings)
@@ -139,7 +141,9 @@ class Navigator:
         references = [FUSED, PROPAGATOR[state.older]]
         updates, locals_, predictions = [], [], []
         for j, aid in enumerate((gps, doppler)):
-            predictions.append(kalman.innovation(filters.x[:, references], filters.P[:, references], *aid.of(references)))
+            predictions.append(
+                kalman.innovation(filters.x[:, references], filters.P[:, references], *aid.of(references))
+            )
             taking = [ALONE[j], LOCAL[j], CENTRAL]
             update = kalman.update(x[:, taking], P[:, taking], *aid.of(taking))
             x[:, [ALONE[j], CENTRAL]], P[:, [ALONE[j], CENTRAL]] = update.x[:, [0, 2]], update.P[:, [0, 2]]
@@ -161,7 +165,9 @@ class Navigator:
         enabled = np.array([[controls.enabled["gps"], controls.enabled["doppler"]]])
         has_reading = np.stack([u.dof[:, 0] > 0 for u in updates], axis=-1)
         admission = np.stack([p.statistic[:, 0] for p in predictions], axis=-1)
-        limit = chi_square.threshold(settings.false_alarm_probability, np.stack([p.dof[:, 0] for p in predictions], axis=-1))
+        limit = chi_square.threshold(
+            settings.false_alarm_probability, np.stack([p.dof[:, 0] for p in predictions], axis=-1)
+        )
         supervision, decision = supervisor.step(
             state.supervisor, driving, (admission <= limit) & has_reading, enabled, rules
         )
@@ -230,7 +236,11 @@ class Navigator:
         F = ins_error.system_matrix(interval)
         D = ins_error.damping_transition(ins.lla[:, 2], EPOCH, k1, k2)
         Phi = D @ ins_error.transition(F, EPOCH)
-        Q = D @ ins_error.process_noise(F, ins_error.noise_density(interval.C_nb, densities), EPOCH) @ D.swapaxes(-1, -2)
+        Q = (
+            D
+            @ ins_error.process_noise(F, ins_error.noise_density(interval.C_nb, densities), EPOCH)
+            @ D.swapaxes(-1, -2)
+        )
         Q = Q + ins_error.damping_noise(EPOCH, k1, k2, a.altimeter_noise)
         shape = (runs, 2, ins_error.STATES, ins_error.STATES)
         ins = damp_vertical(ins, height, EPOCH, k1, k2)
@@ -266,7 +276,11 @@ class Navigator:
         measurement = measurements.doppler(ins, np.repeat(np.nan_to_num(group.values), 2, axis=0))
         R = np.full((1, 1, 3), self._p.aiding.doppler**2)
         return Aid(
-            measurement.y.reshape(runs, 2, 3), measurement.H.reshape(runs, 2, 3, -1), R, group.valid & enabled, np.arange(3)
+            measurement.y.reshape(runs, 2, 3),
+            measurement.H.reshape(runs, 2, 3, -1),
+            R,
+            group.valid & enabled,
+            np.arange(3),
         )
 
     def _detail(
@@ -302,7 +316,7 @@ class Navigator:
             discrepancy=discrepancy,
             lines=lines,
             in_use=in_use,
-            hdop=np.broadcast_to(_hdop(lines[np.isfinite(lines[:, 0])]), (runs,)),
+            hdop=_hdop(gps.H[:, 0, :satellites, :3], valid),
         )
 
 
@@ -314,7 +328,7 @@ def _sharing(settings: Settings) -> Sharing:
     return Sharing(settings.fusion_mode, (settings.gps_share, 1.0 - settings.gps_share))
 
 
-def _initial_covariance(p: Parameters, instruments: InstrumentSet, bias: Array) -> Array:
+def _initial_covariance(p: Parameters, cluster: Cluster, bias: Array) -> Array:
     """P(0) ``(21, 21)``: alignment, sensor repeatability, altimeter, Doppler, clock."""
     n, a = p.initial, p.aiding
     P0 = np.zeros((ins_error.STATES, ins_error.STATES))
@@ -323,7 +337,7 @@ def _initial_covariance(p: Parameters, instruments: InstrumentSet, bias: Array) 
     # A state that is known exactly keeps a hair of variance, so that every covariance has an inverse.
     floor = np.array([1e-6] * 6 + [1e-12] * 3 + [1e-14] * 3 + [1e-9] * 3 + [1e-6, 1e-9, 1e-9, 1e-9, 1e-6, 1e-6])
     P0[np.diag_indices_from(P0)] = np.maximum(np.array(sigma), floor) ** 2
-    body = instruments.gains[-1] @ instruments.gains[-1].T
+    body = cluster.covariances[-1]
     P0[9:12, 9:12] += body * bias[0] ** 2
     P0[12:15, 12:15] += body * bias[1] ** 2
     return P0
@@ -355,12 +369,10 @@ def _notices(
     return notices
 
 
-def _hdop(lines: Array) -> float:
-    if len(lines) < 4:
-        return math.nan
-    G = np.concatenate([lines, np.ones((len(lines), 1))], axis=1)
-    normal = G.T @ G
-    if np.linalg.cond(normal) > 1e12:
-        return math.nan
-    cofactor = np.linalg.inv(normal)
-    return math.sqrt(cofactor[0, 0] + cofactor[1, 1])
+def _hdop(e_n: Array, usable: Flags) -> Array:
+    """Horizontal dilution of precision ``(runs,)`` of lines of sight ``(runs, s, 3)``; NaN where it has no fix."""
+    G = np.concatenate([e_n, np.ones_like(e_n[..., :1])], axis=-1) * usable[..., None]
+    normal = G.swapaxes(-1, -2) @ G
+    solvable = np.linalg.det(normal) > 1e-9
+    cofactor = np.linalg.inv(np.where(solvable[:, None, None], normal, np.eye(4)))
+    return np.where(solvable, np.sqrt(np.abs(cofactor[:, 0, 0] + cofactor[:, 1, 1])), np.nan)

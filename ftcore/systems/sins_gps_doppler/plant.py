@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from ftcore.rotation import rotvec_to_matrix
 from ftcore.sensors import altimeter, doppler, gnss
 from ftcore.sensors.inertial import AxisCluster
 from ftcore.systems.sins_gps_doppler.description import EPOCH
-from ftcore.systems.sins_gps_doppler.forms import Parameters
+from ftcore.systems.sins_gps_doppler.forms import Flight, Parameters
 from ftcore.systems.sins_gps_doppler.reporter import Truth
 from ftcore.world import constellation
 from ftcore.world.trajectory import Straight, Trajectory, build
@@ -39,7 +40,7 @@ class Plant:
         self._noise = noise
         self.samples = max(1, round(p.inertial.rate * EPOCH))
         self.dt = EPOCH / self.samples
-        self.trajectory = fly(p, duration, self.dt)
+        self.trajectory = fly(p.flight, duration, self.dt)
         i, a = p.inertial, p.aiding
         self.gyro = AxisCluster.drawn(
             "imu.gyro",
@@ -61,7 +62,8 @@ class Plant:
         self._altimeter_bias = a.altimeter_bias * draw("altimeter.bias", 0)
         self._altimeter_scale = a.altimeter_scale * draw("altimeter.scale", 0)
         self._clock = gnss.Clock(
-            p.initial.clock_phase * draw("gps.clock.phase", 0), p.initial.clock_frequency * draw("gps.clock.frequency", 0)
+            p.initial.clock_phase * draw("gps.clock.phase", 0),
+            p.initial.clock_frequency * draw("gps.clock.frequency", 0),
         )
 
     def initial(self) -> PlantState:
@@ -82,7 +84,15 @@ class Plant:
         C_en = earth.enu_to_ecef_matrix(truth.lla[0, 0], truth.lla[0, 1])
         range_rate = np.vecdot(sight.unit_n, velocity @ C_en - truth.v_n)
         ranges, rates = gnss.sense(
-            sight.range[None], range_rate[None], sight.visible(p.mask)[None], clock, p.pseudorange, p.delta_range, self._noise, epoch, now
+            sight.range[None],
+            range_rate[None],
+            sight.visible(p.mask)[None],
+            clock,
+            p.pseudorange,
+            p.delta_range,
+            self._noise,
+            epoch,
+            now,
         )
         groups = {
             "imu.gyro": self.gyro.sense(t.omega_b[None, span], epoch, times, self.dt),
@@ -118,14 +128,15 @@ class Plant:
         return self.gyro.calibrate(at_rest, seconds), self.accelerometer.calibrate(at_rest, seconds)
 
 
-def fly(p: Parameters, duration: float, dt: float) -> Trajectory:
-    """The path of a flight, as long as the scenario: level flight follows the last segment."""
-    f = p.flight
+@lru_cache(maxsize=8)
+def fly(f: Flight, duration: float, dt: float) -> Trajectory:
+    """The path of a flight, as long as the scenario: level flight follows the last segment. Kept for branches."""
     lla = np.array([math.radians(f.latitude), math.radians(f.longitude), f.height])
+    heading = math.radians(f.heading)
     needed = math.ceil(duration / EPOCH) * EPOCH
     segments = list(f.segments)
-    path = build(lla, f.speed, math.radians(f.heading), segments, dt)
+    path = build(lla, f.speed, heading, segments, dt)
     if path.duration < needed - 0.5 * dt:
         onwards = Straight(duration=needed - path.duration + dt)
-        path = build(lla, f.speed, math.radians(f.heading), [*segments, onwards], dt)
+        path = build(lla, f.speed, heading, [*segments, onwards], dt)
     return path

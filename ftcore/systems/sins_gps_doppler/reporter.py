@@ -11,7 +11,7 @@ from ftcore.description import BlockView, Health, ItemView, View
 from ftcore.estimation import kalman
 from ftcore.estimation.ins_error import navigation_error
 from ftcore.estimation.strapdown import InsState
-from ftcore.detection.geometry import InstrumentSet
+from ftcore.detection.geometry import Cluster
 from ftcore.rotation import matrix_to_rpy
 from ftcore.systems.base import HEALTH, Controls, Output
 from ftcore.systems.sins_gps_doppler.description import AIDS, AXES, CLUSTERS, SLOTS, SUBJECTS, TESTS
@@ -61,9 +61,13 @@ class Detail:
 class Reporter:
     """See :class:`ftcore.systems.base.Reporter`."""
 
-    def __init__(self, instruments: InstrumentSet, epoch: float) -> None:
-        self._instruments = instruments
-        self._epoch = epoch
+    def __init__(self, cluster: Cluster) -> None:
+        self._axes = cluster.H
+        pairs = cluster.H.reshape(3, 2, 3)
+        self._spin = np.cross(pairs[:, 0], pairs[:, 1])
+        columns = cluster.V.T.reshape(3, 2, 3)
+        normals = np.cross(columns[:, 0], columns[:, 1])
+        self._normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
     def row(self, truth: Truth, output: Output) -> Array:
         """``(runs, signals)``; the order is that of the description's signals."""
@@ -151,7 +155,8 @@ class Reporter:
             "doppler": sensor("doppler", "3 axes"),
             "imu-fdi": BlockView(
                 health="suspect" if imu_alarms else "ok",
-                text=" ".join(n.removeprefix("imu.") for n in imu_alarms)[:26] or f"{controls.settings.imu_driving_test}",
+                text=" ".join(n.removeprefix("imu.") for n in imu_alarms)[:26]
+                or f"{controls.settings.imu_driving_test}",
             ),
             "sins": BlockView(
                 health="ok", text="degraded IMU" if any(s.startswith("imu") for s in isolated) else "strapdown"
@@ -160,7 +165,9 @@ class Reporter:
             "filter-doppler": local("doppler"),
             "tests": BlockView(
                 health="suspect" if aid_alarms else "ok",
-                text=f"{len(aid_alarms)} alarm{'s' if len(aid_alarms) > 1 else ''}" if aid_alarms else f"{driver} drives",
+                text=f"{len(aid_alarms)} alarm{'s' if len(aid_alarms) > 1 else ''}"
+                if aid_alarms
+                else f"{driver} drives",
             ),
             "supervisor": BlockView(
                 health="isolated" if isolated else "suspect" if suspects else "ok",
@@ -185,12 +192,12 @@ class Reporter:
         for cluster, length in (("gyro", 1.0), ("accelerometer", 0.65)):
             for i, axis in enumerate(AXES):
                 items[f"axis.{cluster}.{axis}"] = ItemView(
-                    vector=_vector(length * self._instruments.axes[i]),
+                    vector=_vector(length * self._axes[i]),
                     health=state(f"imu.{cluster}.{axis}", f"imu.{cluster}.{axis[0]}"),
                 )
         for k in (1, 2, 3):
-            items[f"spin.{k}"] = ItemView(vector=_vector(0.8 * self._instruments.spin[k - 1]))
-            items[f"plane.{k}"] = ItemView(vector=_vector(self._instruments.normals[k - 1]))
+            items[f"spin.{k}"] = ItemView(vector=_vector(0.8 * self._spin[k - 1]))
+            items[f"plane.{k}"] = ItemView(vector=_vector(self._normals[k - 1]))
         detail: Detail | None = None if output is None else output.detail
         for c, cluster in enumerate(CLUSTERS):
             vector = (0.0, 0.0, 0.0)

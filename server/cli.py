@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
 import threading
 import webbrowser
@@ -12,7 +13,7 @@ from typing import Annotated
 
 import typer
 
-from server.settings import Settings, SettingsError
+from server.settings import Settings, UserError
 
 application = typer.Typer(
     help="FTLab: fly, break a sensor, see which test notices and what it costs in metres.",
@@ -20,10 +21,6 @@ application = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-
-class UserError(Exception):
-    """Something the person at the keyboard can put right; one line says how."""
 
 
 def _version(asked: bool) -> None:
@@ -56,38 +53,36 @@ def serve(
     from server.app import create_app
 
     settings = Settings.from_environment(host=host, port=port)
-    _check_free(settings)
-    shown = f"[{settings.host}]" if ":" in settings.host else settings.host
-    address = f"http://{shown}:{settings.port}/"
-    typer.echo(f"FTLab at {address}  (stop with Ctrl-C)")
-    if open:
-        threading.Timer(1.0, webbrowser.open, [address]).start()
-    uvicorn.run(
-        create_app(settings),
-        host=settings.host,
-        port=settings.port,
-        ws="websockets-sansio",
-        ws_per_message_deflate=False,
-        ws_max_size=256 * 1024,
-        log_level="warning",
-        proxy_headers=False,
-        server_header=False,
-        timeout_graceful_shutdown=2,
-    )
+    with _bound(settings) as listening:
+        port = listening.getsockname()[1]
+        address = f"http://{f'[{settings.host}]' if ':' in settings.host else settings.host}:{port}/"
+        typer.echo(f"FTLab at {address}  (stop with Ctrl-C)")
+        if open:
+            threading.Timer(1.0, webbrowser.open, [address]).start()
+        config = uvicorn.Config(
+            create_app(settings),
+            ws="websockets-sansio",
+            ws_per_message_deflate=False,
+            ws_max_size=256 * 1024,
+            log_level="warning",
+            proxy_headers=False,
+            server_header=False,
+            timeout_graceful_shutdown=2,
+        )
+        uvicorn.Server(config).run(sockets=[listening])
 
 
-def _check_free(settings: Settings) -> None:
-    """Say in one line that the port is taken, rather than in uvicorn's many."""
-    import socket
-
-    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((settings.host, settings.port))
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise UserError(f"{settings.host}:{settings.port} cannot be bound: {reason}; try --port") from None
+def _bound(settings: Settings) -> socket.socket:
+    """A socket on the address asked for. Raises UserError if it cannot be had."""
+    listening = socket.socket(socket.AF_INET6 if ":" in settings.host else socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((settings.host, settings.port))
+    except OSError as error:
+        listening.close()
+        reason = error.strerror or str(error)
+        raise UserError(f"{settings.host}:{settings.port} cannot be bound: {reason}; try --port") from None
+    return listening
 
 
 @application.command()
@@ -121,21 +116,19 @@ def run(
 
 def main() -> None:
     """Entry point: whatever a person can put right ends in one line on stderr and exit code 2."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    import click
-
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # flights share the cores among themselves
     try:
         status = application(standalone_mode=False)
         sys.exit(status if isinstance(status, int) else 0)
-    except click.ClickException as error:
-        _leave(error.format_message())
-    except (SettingsError, UserError) as error:
-        _leave(str(error))
-    except (KeyboardInterrupt, click.Abort):
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)
+    except typer.TyperException as error:
+        describe = getattr(error, "format_message", error.__str__)
+        _leave(f"{describe().rstrip('. ')}; see ftlab --help")
+    except UserError as error:
+        _leave(str(error))
 
 
 def _leave(message: str) -> None:
-    line = " ".join(message.split())
-    sys.stderr.write(f"ftlab: {line}\n")
+    sys.stderr.write(f"ftlab: {' '.join(message.split())}\n")
     sys.exit(2)

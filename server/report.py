@@ -1,17 +1,77 @@
-"""One self-contained page about a flight (first version)."""
+"""One self-contained page about a flight: plots, events, score and scenario, with nothing to load.
+
+The page's template, style and script lie in ``resources``; they and plotly.js are written into it.
+"""
 
 from __future__ import annotations
 
+from functools import lru_cache
+from importlib import metadata, resources
 from typing import Any
 
-from ftcore import Simulation
+import orjson
+
+from ftcore import Simulation, units
+from server import series
+
+POINTS = 1200
+"""About how many rows each chart is drawn from; extremes are kept."""
+MAX_EVENTS = 2000
 
 
 def gather(simulation: Simulation, title: str) -> dict[str, Any]:
-    """Everything the page shows."""
-    return {"title": title}
+    """Everything the page shows, copied out of the simulation."""
+    description, scenario = simulation.description, simulation.scenario
+    shown = {signal.name: signal for signal in description.signals}
+    charts = []
+    for chart in description.charts:
+        names = [trace.signal for trace in chart.traces]
+        names += [trace.sigma for trace in chart.traces if trace.sigma is not None]
+        found = series.columns(simulation, list(dict.fromkeys(names)), points=POINTS)
+        columns = {name: values / units.factor(shown[name].unit) for name, values in found.signals.items()}
+        charts.append(chart.model_dump(mode="json") | {"time": found.time, "columns": columns})
+    operator = [event for event in simulation.events if event.run <= 0]
+    return {
+        "title": title,
+        "ftlab": metadata.version("ftlab"),
+        "system": description.title,
+        "source": scenario.source or description.source,
+        "summary": scenario.summary,
+        "seed": simulation.seed,
+        "runs": simulation.runs,
+        "time": simulation.now,
+        "resolution": simulation.resolution,
+        "charts": charts,
+        "events": [event.model_dump(mode="json") for event in operator[:MAX_EVENTS]],
+        "events_left_out": max(0, len(operator) - MAX_EVENTS),
+        "score": simulation.score().model_dump(mode="json"),
+        "estimators": description.estimators,
+        "scenario": simulation.document().model_dump(mode="json", exclude_defaults=True),
+    }
 
 
 def render(facts: dict[str, Any]) -> bytes:
-    """The page."""
-    return f"<!doctype html><title>{facts['title']}</title>".encode()
+    """The page as HTML."""
+    data = orjson.dumps(facts, option=orjson.OPT_SERIALIZE_NUMPY).replace(b"<", b"\\u003c")
+    parts = {
+        b"{{title}}": facts["title"].replace("&", "&amp;").replace("<", "&lt;").encode(),
+        b"{{style}}": _resource("report.css"),
+        b"{{plotly}}": _plotly(),
+        b"{{script}}": _resource("report.js"),
+        b"{{data}}": data,
+    }
+    page = _resource("report.html")
+    for place, content in parts.items():
+        before, _, after = page.partition(place)
+        page = before + content + after
+    return page
+
+
+def _resource(name: str) -> bytes:
+    return (resources.files("server") / "resources" / name).read_bytes()
+
+
+@lru_cache(maxsize=1)
+def _plotly() -> bytes:
+    source = (resources.files("plotly") / "package_data" / "plotly.min.js").read_bytes()
+    return source.replace(b"</script", b"<\\/script")

@@ -16,8 +16,12 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 """FTLab runs from its checkout; the page is found beside the server."""
 
 
-class SettingsError(ValueError):
-    """A setting that cannot be taken; the message is one line for a person."""
+class UserError(Exception):
+    """Something the person at the keyboard can put right; one line says how."""
+
+
+class SettingsError(UserError):
+    """A setting that cannot be taken."""
 
 
 class Settings(BaseModel):

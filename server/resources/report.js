@@ -1,0 +1,106 @@
+'use strict';
+(() => {
+  const facts = JSON.parse(document.getElementById('data').textContent);
+  const $ = (id) => document.getElementById(id);
+  const el = (tag, text, attributes = {}) => Object.assign(document.createElement(tag), { textContent: text ?? '' }, attributes);
+  const say = (value, unit = '') => {
+    if (value === null || value === undefined) return '–';
+    const size = Math.abs(value);
+    const text = size !== 0 && (size >= 1e5 || size < 1e-3) ? value.toExponential(2) : String(+value.toPrecision(4));
+    return unit && unit !== '1' ? `${text} ${unit}` : text;
+  };
+
+  function table(into, caption, columns, rows) {
+    if (!rows.length) return;
+    into.append(el('h3', caption));
+    const body = el('table');
+    const head = body.createTHead().insertRow();
+    for (const name of columns) head.append(el('th', name, { scope: 'col' }));
+    const cells = body.createTBody();
+    for (const row of rows) {
+      const line = cells.insertRow();
+      for (const value of row) line.append(el('td', value));
+    }
+    const frame = el('div', '', { className: 'scroll', tabIndex: 0 });
+    frame.append(body);
+    into.append(frame);
+  }
+
+  $('title').textContent = facts.title;
+  $('about').textContent = facts.summary;
+  const runs = facts.runs > 1 ? `${facts.runs} runs (charts and events: the first)` : '1 run';
+  $('facts').textContent = [facts.system, facts.source, `seed ${facts.seed}`, runs, `${say(facts.time)} s flown`, `FTLab ${facts.ftlab}`].filter(Boolean).join(' · ');
+
+  const score = facts.score;
+  for (const item of score.headline ?? []) {
+    const box = el('div');
+    const value = el('dd');
+    value.append(el('b', say(item.value, item.unit)));
+    if (item.note) value.append(' ', el('span', item.note, { className: 'dim' }));
+    box.append(el('dt', item.label), value);
+    if (item.compare_label) box.append(el('dd', `${item.compare_label}: ${say(item.compare, item.unit)}`, { className: 'dim' }));
+    $('headline').append(box);
+  }
+  const first = (delays) => Object.entries(delays).filter(([, delay]) => delay !== null).sort((a, b) => a[1] - b[1]).map(([test, delay]) => `${test} ${say(delay, 's')}`).join(', ') || 'none';
+  table($('faults'), 'Faults', ['fault', 'from', 'to', 'alarms after', 'isolated after', 'isolated', 'wrongly isolated', 're-admitted after'],
+    (score.faults ?? []).map((f) => [f.label, say(f.start, 's'), f.end === null ? 'to the end' : say(f.end, 's'), first(f.time_to_alarm), say(f.time_to_isolate, 's'), f.isolated.join(', ') || '–', f.wrong_isolations.join(', ') || '–', say(f.time_to_readmit, 's')]));
+  table($('estimators'), 'Estimators (SI; root mean square, worst)', ['estimator', 'position', 'velocity', 'attitude', 'NEES'],
+    Object.entries(score.estimators ?? {}).map(([name, e]) => [facts.estimators[name] ?? name, ...['position', 'velocity', 'attitude'].map((q) => `${say(e[q]?.rms)}, ${say(e[q]?.worst)}`), `${say(e.nees)}${e.nees_dof ? ` of ${e.nees_dof}` : ''}`]));
+  table($('tests'), 'Alarms while nothing was wrong', ['test', 'subject', 'alarms', 'epochs', 'rate'],
+    (score.tests ?? []).map((t) => [t.name, t.subject, t.alarms, t.epochs, say(t.false_alarm_rate)]));
+
+  const COLOURS = { protected: ['#0072b2'], unprotected: ['#5b6168'], statistic: ['#0072b2'], threshold: ['#1d1f21'], local: ['#b35c00', '#00734f', '#9a3f74'], component: ['#0072b2', '#b35c00', '#00734f', '#9a3f74', '#56b4e9', '#8a7400'], weight: ['#0072b2', '#b35c00', '#00734f', '#9a3f74'] };
+  const DASHES = { local: ['dash', 'dashdot', 'longdash'], unprotected: ['dot'], threshold: ['longdash'] };
+  const marks = [];
+  for (const event of facts.events) {
+    const line = (color, dash) => marks.push({ type: 'line', xref: 'x', yref: 'paper', x0: event.time, x1: event.time, y0: 0, y1: 1, line: { color, width: 1, dash } });
+    if (event.kind === 'subsystem.isolated') line('#9a3f74', 'dash');
+    if (event.kind === 'subsystem.readmitted') line('#00734f', 'dot');
+  }
+  for (const f of score.faults ?? []) marks.push({ type: 'rect', xref: 'x', yref: 'paper', x0: f.start, x1: f.end ?? facts.time, y0: 0, y1: 1, fillcolor: '#d55e00', opacity: 0.08, line: { width: 0 } });
+  $('legend').textContent = 'Shaded: a fault is live. Dashed line: isolated. Dotted line: re-admitted. Band: 3 sigma.';
+
+  function draw(box, chart) {
+    const used = {};
+    const traces = [];
+    for (const trace of chart.traces) {
+      const nth = (used[trace.role] = (used[trace.role] ?? -1) + 1);
+      const colours = COLOURS[trace.role] ?? COLOURS.component;
+      const dashes = DASHES[trace.role] ?? ['solid'];
+      const color = colours[nth % colours.length];
+      if (trace.sigma && chart.columns[trace.sigma]) {
+        const three = chart.columns[trace.sigma].map((v) => (v === null ? null : 3 * v));
+        const edge = { x: chart.time, mode: 'lines', line: { width: 0 }, hoverinfo: 'skip', showlegend: false };
+        traces.push({ ...edge, y: three.map((v) => (v === null ? null : -v)) }, { ...edge, y: three, fill: 'tonexty', fillcolor: `${color}22` });
+      }
+      traces.push({ x: chart.time, y: chart.columns[trace.signal], name: trace.label, mode: 'lines', stackgroup: chart.stacked ? 'all' : undefined, line: { color, width: trace.role === 'protected' ? 1.8 : 1.1, dash: dashes[nth % dashes.length] } });
+    }
+    const axis = { gridcolor: '#e6e8ea', zerolinecolor: '#d5d8dc' };
+    Plotly.newPlot(box, traces, {
+      margin: { l: 60, r: 12, t: 30, b: 34 }, title: { text: chart.title, font: { size: 13 }, x: 0, xanchor: 'left' }, font: { family: 'system-ui, sans-serif', size: 11 },
+      xaxis: { ...axis, title: { text: 's' } }, yaxis: { ...axis, type: chart.scale, title: { text: chart.unit === '1' ? '' : chart.unit } },
+      legend: { orientation: 'h', y: 1.13, x: 1, xanchor: 'right' }, shapes: marks, hovermode: 'x unified',
+    }, { responsive: true, displaylogo: false });
+  }
+
+  for (const chart of facts.charts) {
+    const box = el('div', '', { className: 'chart' });
+    box.setAttribute('role', 'img');
+    box.setAttribute('aria-label', chart.title);
+    if (chart.shown) {
+      $('charts').append(box);
+      draw(box, chart);
+    } else {
+      const more = el('details');
+      more.append(el('summary', chart.title), box);
+      more.addEventListener('toggle', () => { if (more.open && !box.data) draw(box, chart); });
+      $('charts').append(more);
+    }
+  }
+
+  const detail = (d) => Object.entries(d).filter(([, v]) => v !== null && typeof v !== 'object').map(([k, v]) => `${k} ${typeof v === 'number' ? say(v) : v}`).join(', ');
+  table($('events'), facts.events_left_out ? `The first ${facts.events.length}; ${facts.events_left_out} more are left out` : `${facts.events.length}`, ['time', 'event', 'subject', 'numbers'], facts.events.map((e) => [say(e.time, 's'), e.kind, e.subject, detail(e.detail)]));
+  const text = JSON.stringify(facts.scenario, null, 2);
+  $('scenario').textContent = text;
+  $('download').href = `data:application/json;charset=utf-8,${encodeURIComponent(text)}`;
+})();

@@ -52,7 +52,7 @@ class Rules:
             raise ValueError(f"the confirmation window is 1 to {_LONGEST_WINDOW} epochs, not {self.window}")
         if not 1 <= self.confirm <= self.window:
             raise ValueError(
-                f"{self.confirm} alarms out of {self.window} epochs cannot be: confirm is 1 at least, the window at most"
+                f"{self.confirm} alarms in {self.window} epochs cannot be: confirm is 1 at least, the window at most"
             )
         if self.clear < 1:
             raise ValueError(f"a suspect is cleared after at least 1 epoch without an alarm, not {self.clear}")

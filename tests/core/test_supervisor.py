@@ -123,7 +123,7 @@ def test_false_isolations_under_random_alarms_have_the_binomial_probability():
 @pytest.mark.parametrize(
     ("rules", "message"),
     [
-        ({"confirm": 4, "window": 3}, "4 alarms out of 3 epochs"),
+        ({"confirm": 4, "window": 3}, "4 alarms in 3 epochs"),
         ({"confirm": 0}, "1 at least, the window at most"),
         ({"window": 64}, "1 to 63 epochs, not 64"),
         ({"clear": 0}, "at least 1 epoch without an alarm, not 0"),

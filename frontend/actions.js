@@ -22,14 +22,17 @@ export async function attempt(act) {
     return await act();
   } catch (error) {
     if (!(error instanceof Error)) throw error;
-    const full = error instanceof Problem && error.status === 429;
-    say({
-      tone: 'error',
-      text: error.message,
-      action: full ? { label: 'Choose experiments to delete', run: () => openDialog('ft-experiments') } : undefined,
-    });
+    say({ tone: 'error', text: error.message, action: wayOut(error) });
     return undefined;
   }
+}
+
+/** What helps against a refusal, where something does. @param {Error} error @returns {Notice['action']} */
+function wayOut(error) {
+  const status = error instanceof Problem ? error.status : 0;
+  if (status === 429) return { label: 'Choose experiments to delete', run: () => openDialog('ft-experiments') };
+  if (status === 401) return { label: 'Give the token', run: () => location.assign('/login') };
+  return undefined;
 }
 
 /** @param {string} tag a panel that is a dialog */

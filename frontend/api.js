@@ -134,15 +134,15 @@ export function send([method, path, body]) {
 
 export const read = {
   /** @returns {Promise<Scenario[]>} */
-  scenarios: async () => (await json('GET', '/scenarios')).scenarios,
+  scenarios: () => json('GET', '/scenarios'),
   /** @param {string} id @returns {Promise<SystemDescription>} */
   system: (id) => json('GET', `/systems/${encodeURIComponent(id)}`),
   /** @returns {Promise<Experiment[]>} */
-  experiments: async () => (await json('GET', '/experiments')).experiments,
+  experiments: () => json('GET', '/experiments'),
   /** @param {string} id @returns {Promise<Experiment>} */
   experiment: (id) => json('GET', experiment(id)),
   /** @param {string} id @returns {Promise<Event[]>} */
-  events: async (id) => (await json('GET', `${experiment(id)}/events`)).events,
+  events: (id) => json('GET', `${experiment(id)}/events`),
   /** @param {string} id @returns {Promise<Score>} */
   score: (id) => json('GET', `${experiment(id)}/score`),
   /** @param {string} id @returns {Promise<Record<string, any>>} */

@@ -1,20 +1,35 @@
-/** Draws one dirty, visible thing per animation frame, and at most a share of the time. */
+/**
+ * The page's beat. While data stream in, what changed is drawn together, some ten times a second: the newest state, and
+ * as many dirty, visible charts as fit. What answers a person is drawn with the next frame, one chart a frame.
+ */
 
 /** @typedef {{visible: boolean, paint: () => void}} Paintable */
 
-/** Share of the main thread that drawing may take while data stream in; layout and paint come on top. */
-const SHARE = 0.22;
+/** Least time between two beats [ms]. */
+const BEAT = 95;
+/** Drawing a chart is begun only while a beat has taken less than this [ms]. */
+const ENOUGH = 9;
+/** Share of the main thread that beats may take; the browser's layout and paint come on top. */
+const SHARE = 0.24;
 
 /** @type {Set<Paintable>} */
 const dirty = new Set();
+/** @type {Map<string, () => void>} */
+const waiting = new Map();
 let asked = false;
 let urgent = false;
-let rest = 0;
+let next = 0;
 
-/** @param {Iterable<Paintable>} things @param {boolean} [now] answers a person: draw without rest */
+/** @param {Iterable<Paintable>} things @param {boolean} [now] answers a person */
 export function repaint(things, now = false) {
   for (const thing of things) dirty.add(thing);
   if (now) urgent = true;
+  ask();
+}
+
+/** Does something with the next beat; only the last of a name is done. @param {string} name @param {() => void} act */
+export function atBeat(name, act) {
+  waiting.set(name, act);
   ask();
 }
 
@@ -24,24 +39,25 @@ export function forget(thing) {
 }
 
 function ask() {
-  if (asked || !dirty.size) return;
+  if (asked || (!dirty.size && !waiting.size)) return;
   asked = true;
-  const wait = urgent ? 0 : rest - performance.now();
-  if (wait > 17) setTimeout(() => requestAnimationFrame(paint), wait - 16);
-  else requestAnimationFrame(paint);
+  const wait = urgent ? 0 : next - performance.now();
+  if (wait > 17) setTimeout(() => requestAnimationFrame(beat), wait - 16);
+  else requestAnimationFrame(beat);
 }
 
-function paint() {
+function beat() {
   asked = false;
-  for (const thing of dirty) {
-    if (!thing.visible) continue;
+  const started = performance.now();
+  for (const act of [...waiting.values()]) act();
+  waiting.clear();
+  for (const thing of [...dirty].filter((one) => one.visible)) {
     dirty.delete(thing);
-    const started = performance.now();
     thing.paint();
-    const took = performance.now() - started;
-    rest = performance.now() + took * (1 / SHARE - 1);
-    break;
+    if (urgent || performance.now() - started > ENOUGH) break;
   }
+  const took = performance.now() - started;
+  next = Math.max(started + BEAT, started + took / SHARE);
   if ([...dirty].some((thing) => thing.visible)) ask();
   else urgent = false;
 }

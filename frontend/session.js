@@ -4,6 +4,7 @@
  */
 import { Problem, commands, read, send } from './api.js';
 import { Recording } from './recording.js';
+import { atBeat } from './scheduler.js';
 import { share, store } from './store.js';
 import { Stream } from './stream.js';
 
@@ -64,12 +65,14 @@ export async function open(id) {
       frames: (series) => {
         if (loading) queued.push(series);
         else recording.append(series);
-        if (series.time.length) store.set({ now: Number(series.time.at(-1)) });
-        if (performance.now() > scoreDue) void refreshScore();
+        atBeat('frames', () => {
+          if (recording.length && !loading) store.set({ now: recording.last });
+          if (performance.now() > scoreDue) void refreshScore();
+        });
         changed();
       },
       event: heardEvent,
-      view: (view) => store.set(({ view: before }) => ({ view: share(before, view) })),
+      view: (seen) => atBeat('view', () => store.set(({ view: before }) => ({ view: share(before, seen) }))),
       reset: heardReset,
       link: heardLink,
     },

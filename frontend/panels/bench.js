@@ -18,7 +18,7 @@ export class Bench extends Panel {
   #suggested = '';
 
   build() {
-    this.search = h('input', { type: 'search', placeholder: 'find a channel', 'aria-label': 'Find a channel', oninput: () => this.#list() });
+    this.search = h('input', { type: 'search', id: 'find-channel', placeholder: 'any channel', 'aria-label': 'Find a channel', oninput: () => this.#list() });
     this.channel = h('select', { onchange: () => this.#kinds() });
     this.kind = h('select', { onchange: () => this.#shape() });
     this.magnitude = h('input', { type: 'text', inputmode: 'decimal', autocomplete: 'off' });
@@ -35,7 +35,7 @@ export class Bench extends Panel {
         void this.#inject();
       },
     },
-      h('div', { class: 'field' }, h('span', {}), h('span', { class: 'entry' }, this.search)),
+      h('div', { class: 'field' }, h('label', { for: 'find-channel' }, 'Find'), h('span', { class: 'entry' }, this.search)),
       this.#field('channel', 'Channel', this.channel), this.#field('kind', 'Kind', this.kind), this.sentence,
       this.#field('magnitude', 'Magnitude', this.magnitude, this.unit), this.extra,
       this.#field('start', 'Start', this.start, seconds()), this.#field('end', 'End', this.end, seconds()),

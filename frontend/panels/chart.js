@@ -83,7 +83,7 @@ export class ChartPanel extends Panel {
       },
         svg('svg', { width: 18, height: 8, 'aria-hidden': 'true' },
           svg('line', { x1: 0, x2: 18, y1: 4, y2: 4, stroke: look.color, 'stroke-width': look.width + 0.5, 'stroke-dasharray': look.dash === 'solid' ? null : look.dash.replaceAll('px', '') })),
-        h('span', { class: 'name' }, trace.label), value);
+        h('span', { class: 'name' }, trace.label, trace.sigma && trace.role !== 'local' && h('small', {}, ' ±3σ')), value);
     }));
     this.read();
   }

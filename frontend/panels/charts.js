@@ -53,7 +53,9 @@ export class ChartsPanel extends Panel {
     const redraw = () => repaint(this.#charts);
     recorded.addEventListener('change', redraw);
     this.keep(() => recorded.removeEventListener('change', redraw));
-    loadPlotly().then(() => repaint(this.#charts, true), (error) => say({ tone: 'error', text: error.message }));
+    this.watch((s) => !!s.experiment, (arrived) => {
+      if (arrived) loadPlotly().then(() => repaint(this.#charts, true), (error) => say({ tone: 'error', text: error.message }));
+    });
   }
 
   #toolbar() {

@@ -52,9 +52,10 @@ export class Diagram extends Panel {
 
   /** @param {Block} block @param {{x: number, y: number, width: number, height: number}} box */
   #block(block, box) {
-    const sign = svg('path', { class: 'sign', transform: `translate(${box.x + box.width - 11} ${box.y + 12})` });
-    const label = svg('text', { class: 'label', x: box.x + 9, y: box.y + 16.5 });
-    const text = svg('text', { class: 'state', x: box.x + 9, y: box.y + 31 });
+    const badge = `translate(${box.x + box.width - 6} ${box.y + 5})`;
+    const sign = svg('path', { class: 'sign', transform: badge });
+    const label = svg('text', { class: 'label', x: box.x + 8, y: box.y + 16.5 });
+    const text = svg('text', { class: 'state', x: box.x + 8, y: box.y + 31 });
     const act = () => this.dispatchEvent(new CustomEvent('block', { bubbles: true, detail: { block, anchor: group } }));
     const group = svg('g', {
       class: `block ${block.kind}`, tabindex: 0, role: 'button', 'aria-haspopup': 'dialog',
@@ -64,8 +65,10 @@ export class Diagram extends Panel {
         event.stopPropagation();
         act();
       },
-    }, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), sign, label, text);
-    label.textContent = fitted(block.label, box.width - 28, '600 11.5px');
+    }, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), svg('circle', { class: 'halo', r: 8, transform: badge }), sign, label, text);
+    const size = [11.5, 10.5, 9.5].find((px) => widthOf(block.label, `600 ${px}px`) <= box.width - 17) ?? 9.5;
+    label.style.fontSize = `${size}px`;
+    label.textContent = fitted(block.label, box.width - 15, `600 ${size}px`);
     this.#blocks.set(block.id, { group, sign, label, text, block, width: box.width });
     return group;
   }
@@ -77,7 +80,7 @@ export class Diagram extends Panel {
       const state = seen?.blocks[drawn.block.id] ?? { health: /** @type {Health} */ ('ok'), text: '' };
       drawn.group.setAttribute('class', `block ${drawn.block.kind} ${state.health}`);
       drawn.sign.setAttribute('d', HEALTH[state.health].path);
-      setText(drawn.text, fitted(state.text, drawn.width - 14, '10px'));
+      setText(drawn.text, fitted(state.text, drawn.width - 12, '10px'));
       drawn.group.setAttribute('aria-label', `${drawn.block.label}: ${HEALTH[state.health].word}. ${state.text}`);
     }
     const open = new Set(this.#excluded(seen));
@@ -99,14 +102,19 @@ const measure = /** @type {CanvasRenderingContext2D} */ (document.createElement(
 /** @type {Map<string, string>} */
 const fits = new Map();
 
+/** @param {string} text @param {string} font */
+function widthOf(text, font) {
+  measure.font = `${font} system-ui, "DejaVu Sans", sans-serif`;
+  return measure.measureText(text).width;
+}
+
 /** Text cut to a width. @param {string} text @param {number} width @param {string} font */
 function fitted(text, width, font) {
   const key = `${font}/${Math.round(width)}/${text}`;
   const known = fits.get(key);
   if (known !== undefined) return known;
-  measure.font = `${font} system-ui, "DejaVu Sans", sans-serif`;
   let shown = text;
-  while (shown.length > 1 && measure.measureText(shown).width > width) shown = `${shown.slice(0, -2).trimEnd()}…`;
+  while (shown.length > 1 && widthOf(shown, font) > width) shown = `${shown.slice(0, -2).trimEnd()}…`;
   if (fits.size > 500) fits.clear();
   fits.set(key, shown);
   return shown;

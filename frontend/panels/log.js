@@ -8,15 +8,15 @@ import { look } from '../actions.js';
 
 const MOST = 250;
 
-/** @type {{key: string, label: string, of: (kind: string) => boolean}[]} */
+const SIGNS = { faults: '▼', alarms: '▲', decisions: '■', others: '●' };
+
+/** @type {{key: keyof typeof SIGNS, label: string, of: (kind: string) => boolean}[]} */
 const GROUPS = [
   { key: 'faults', label: 'Faults', of: (kind) => kind.startsWith('fault.') },
   { key: 'alarms', label: 'Alarms', of: (kind) => kind.startsWith('test.') },
   { key: 'decisions', label: 'Decisions', of: (kind) => kind.startsWith('subsystem.') && kind !== 'subsystem.switched' },
   { key: 'others', label: 'Others', of: () => true },
 ];
-
-const SIGNS = { faults: '▼', alarms: '▲', decisions: '■', others: '●' };
 
 export class Log extends Panel {
   #hidden = new Set();
@@ -31,11 +31,11 @@ export class Log extends Panel {
     } });
     this.append(h('header', {}, h('h2', {}, 'Log'), search,
       ...GROUPS.map(({ key, label }) => {
-        const button = h('button', { class: `mini ${key}-key`, 'aria-pressed': 'true', onclick: () => {
+        const button = h('button', { class: `mini ${key}-key`, 'aria-label': label, title: `Show or hide ${label.toLowerCase()}`, 'aria-pressed': 'true', onclick: () => {
           if (!this.#hidden.delete(key)) this.#hidden.add(key);
           button.setAttribute('aria-pressed', String(!this.#hidden.has(key)));
           this.#draw();
-        } }, label);
+        } }, SIGNS[key], h('span', { class: 'wordy' }, ` ${label}`));
         return button;
       }), this.count), this.list);
     this.watch((s) => [s.events, s.description], () => this.#draw());
@@ -66,7 +66,7 @@ export class Log extends Panel {
 
 /** @param {string} kind @returns {keyof typeof SIGNS} */
 function groupOf(kind) {
-  return /** @type {keyof typeof SIGNS} */ (GROUPS.find((g) => g.of(kind))?.key ?? 'others');
+  return GROUPS.find((g) => g.of(kind))?.key ?? 'others';
 }
 
 customElements.define('ft-log', Log);

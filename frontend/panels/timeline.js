@@ -20,7 +20,7 @@ export class Timeline extends Panel {
     this.track = h('div', { class: 'track' }, ...Object.values(this.rows), this.ticks, this.nowMark, this.head);
     this.bar = h('div', { class: 'past', hidden: true });
     this.append(
-      h('div', { class: 'names', 'aria-hidden': 'true' }, ...ROWS.map(([row, name]) => h('span', { class: `${row}-key` }, name)), h('span', {}, 'Commands')),
+      h('div', { class: 'names', 'aria-hidden': 'true' }, ...ROWS.map(([, name]) => h('span', {}, name)), h('span', {}, 'Commands')),
       this.track, this.bar);
     this.#listen();
     this.#past();
@@ -30,9 +30,8 @@ export class Timeline extends Panel {
       this.#drawTicks(duration);
       this.#draw();
     });
-    this.watch((s) => [s.events, s.description], () => this.#draw());
+    this.watch((s) => [s.events, s.description, s.experiment?.faults, s.experiment?.id], () => this.#draw());
     this.watch((s) => [s.now, s.cursor], () => this.#move());
-    this.watch((s) => s.relatives, () => this.#draw());
   }
 
   #past() {
@@ -92,7 +91,7 @@ export class Timeline extends Panel {
           element.title = `${span.label}: ${clock(span.start, 1)} ${until}`;
           element.setAttribute('aria-label', element.title);
         }
-        element.classList.toggle('open', span.end === null);
+        element.classList.toggle('armed', span.start > store.get().now);
       });
   }
 

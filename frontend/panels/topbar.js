@@ -12,7 +12,7 @@ export class TopBar extends Panel {
     this.append(
       h('b', { class: 'brand' }, 'FTLab'), this.#scenarios(), this.#branches(), h('span', { class: 'space' }),
       this.#clock(), h('span', { class: 'space' }),
-      h('button', { class: 'branch', title: 'Go on from this moment in a copy; this run stays as it is (b)', onclick: () => branch(store.get().cursor ?? store.get().now) }, 'Branch from here'),
+      h('button', { class: 'branch', 'aria-label': 'Branch from here', title: 'Go on from this moment in a copy; this run stays as it is (b)', onclick: () => branch(store.get().cursor ?? store.get().now) }, 'Branch', h('span', { class: 'wordy' }, ' from here')),
       h('button', { class: 'ghost', title: 'Copy a link that restores this run (s)', onclick: shareLink }, 'Share'),
       exportMenu(), this.#theme(),
       h('button', { class: 'ghost', title: 'What the page asks of the server, as curl', onclick: () => openDialog('ft-rest') }, 'REST'),

@@ -27,11 +27,11 @@ def system(id: str) -> SystemDescription:
 
 @lru_cache(maxsize=1)
 def _ready() -> tuple[Scenario, ...]:
-    return tuple(Scenario.load(name) for name in ready_ids())
+    return tuple(sorted((Scenario.load(name) for name in ready_ids()), key=lambda s: (not s.featured, s.id)))
 
 
 def scenarios() -> list[Scenario]:
-    """All ready scenarios, those marked visible first."""
+    """All ready scenarios, the featured ones first, then by id."""
     return list(_ready())
 
 

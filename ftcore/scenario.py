@@ -80,6 +80,7 @@ class Scenario(Strict):
     summary: str = Field(default="", max_length=2000)
     hint: str = Field(default="", max_length=300, description="one sentence: what to try")
     source: str = Field(default="", max_length=300, description="the paper, or FTLab")
+    featured: bool = Field(default=False, description="listed first; a first-time visitor lands on the first of these")
     system: str = Field(description="id of the system that flies")
     seed: int = Field(default=1, ge=0, lt=2**63)
     duration: float = Field(default=100.0, gt=0.0, le=36000.0, json_schema_extra={"unit": "s"})

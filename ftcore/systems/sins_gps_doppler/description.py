@@ -215,6 +215,8 @@ def _error_chart(quantity: str, part: str, title: str, shown: bool = False) -> C
             sigma=f"fused.sigma.{quantity}.{part}" if estimator == "fused" else None,
         )
         for estimator, label in ESTIMATORS.items()
+        # Doppler alone never learns its position: tens of metres, that would flatten the others.
+        if not (quantity == "position" and estimator == "doppler")
     )
     return Chart(id=f"{quantity}-{part}", title=title, unit=unit, group="errors", traces=traces, shown=shown)
 
@@ -243,6 +245,17 @@ def _charts() -> list[Chart]:
         _error_chart("attitude", "north", "North tilt error"),
         _error_chart("attitude", "up", "Azimuth error"),
     ]
+    charts.append(
+        Chart(
+            id="position-doppler",
+            title="Position error of SINS/Doppler alone",
+            unit="m",
+            group="errors",
+            traces=tuple(
+                Trace(signal=f"doppler.error.position.{p}", label=p, role="component") for p in ("east", "north", "up")
+            ),
+        )
+    )
     for test in AID_TESTS:
         for subject in AIDS:
             charts.append(_test_chart(test, subject, shown=(test, subject) in {("residual", "gps"), ("state", "gps")}))
@@ -336,7 +349,7 @@ def _blocks() -> list[Block]:
         Block(id="gps", label="GPS", kind="sensor", x=1, y=2, width=22, height=11, sensor="gps", subsystem="gps"),
         Block(id="gyro", label="Gyros", kind="sensor", x=1, y=16, width=22, height=11, sensor="imu.gyro"),
         Block(
-            id="accelerometer", label="Accelerometers", kind="sensor", x=1, y=29, width=22, height=11,
+            id="accelerometer", label="Accels", kind="sensor", x=1, y=29, width=22, height=11,
             sensor="imu.accelerometer",
         ),
         Block(

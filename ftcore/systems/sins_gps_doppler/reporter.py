@@ -137,6 +137,8 @@ class Reporter:
             return BlockView(health=worst, text=view.text)
 
         def local(name: str) -> BlockView:
+            if output is not None and health[name] == "ok" and not output.used[0, SUBJECTS.index(name)]:
+                return BlockView(health="off", text="no reading")
             texts = {"ok": "in the master", "suspect": "withheld", "isolated": "excluded", "off": "no measurement"}
             return BlockView(health=health[name], text=texts[health[name]])
 
@@ -145,7 +147,7 @@ class Reporter:
         aid_alarms = [a for a in alarms if "imu." not in a]
         isolated = [s for s in SUBJECTS if health[s] == "isolated"]
         suspects = [s for s in SUBJECTS if health[s] == "suspect"]
-        used = [name for name in AIDS if health[name] == "ok"]
+        used = [n for n in AIDS if (health[n] == "ok" if output is None else output.used[0, SUBJECTS.index(n)])]
         driver = controls.settings.driving_test
         return {
             "gps": sensor("gps", satellites),

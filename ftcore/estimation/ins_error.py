@@ -282,10 +282,15 @@ _WALKS: Final = (
 )
 
 
-def noise_density(C_nb: Array, densities: NoiseDensities) -> Array:
-    """Spectral density matrix (runs, 21, 21) of the noise on d/dt x; ``C_nb`` (runs, 3, 3) turns body axes to level."""
-    gyro, accelerometer = _in_level(densities.gyro, C_nb), _in_level(densities.accelerometer, C_nb)
+def noise_density(attitude: Interval | Array, densities: NoiseDensities) -> Array:
+    """Spectral density matrix (runs, 21, 21) of the noise on d/dt x.
+
+    ``attitude`` turns body axes to level: an interval, whose changing attitude is then averaged over, or one ``C_nb``
+    (runs, 3, 3). It matters only where axes differ.
+    """
+    gyro, accelerometer = _in_level(densities.gyro, attitude), _in_level(densities.accelerometer, attitude)
     walks = [np.asarray(getattr(densities, name)) for name, _ in _WALKS]
+    C_nb = attitude.C_nb if isinstance(attitude, Interval) else attitude
     runs = np.broadcast_shapes(C_nb.shape[:-2], gyro.shape[:-2], accelerometer.shape[:-2], *(w.shape for w in walks))
     Qc = np.zeros((*runs, STATES, STATES))
     Qc[..., VELOCITY, VELOCITY] = accelerometer
@@ -296,11 +301,15 @@ def noise_density(C_nb: Array, densities: NoiseDensities) -> Array:
     return Qc
 
 
-def _in_level(density: ArrayLike, C_nb: Array) -> Array:
+def _in_level(density: ArrayLike, attitude: Interval | Array) -> Array:
     density = np.asarray(density, dtype=np.float64)
     if density.ndim < 2:  # equal along all axes: it looks the same from any frame
         return np.asarray(density[..., None, None] * np.eye(3))
-    return np.asarray(C_nb @ density @ np.swapaxes(C_nb, -1, -2))
+    if not isinstance(attitude, Interval):
+        return np.asarray(attitude @ density @ np.swapaxes(attitude, -1, -2))
+    start, middle, end = attitude.C_nb_nodes @ density @ np.swapaxes(attitude.C_nb_nodes, -1, -2)
+    a0, am, a1 = attitude.node_weights
+    return np.asarray(a0 * start + am * middle + a1 * end)
 
 
 def process_noise(F: Array, Qc: Array, dt: float) -> Array:

@@ -53,11 +53,12 @@ class InsState:
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """What an error model needs to know about the interval just integrated; all are means over it.
+    """What an error model needs to know about the interval just integrated: means over it, and the attitude in it.
 
     ``duration`` [s]; ``lla`` (runs, 3); ``v_n`` (runs, 3) [m/s]; ``f_n`` (runs, 3): specific force [m/s^2]; ``C_nb``
     (runs, 3, 3): *mean* of the body-to-level matrix, so that a constant bias times it times the duration is what the
-    bias integrates to; it is orthogonal only up to the square of the angle turned. The attitude now is the state's.
+    bias integrates to; it is orthogonal only up to the square of the angle turned. ``C_nb_nodes`` (3, runs, 3, 3): the
+    matrices at the start, in the middle and at the end, and ``node_weights`` the quadrature that makes a mean of them.
     """
 
     duration: float
@@ -65,6 +66,8 @@ class Interval:
     v_n: Array
     f_n: Array
     C_nb: Array
+    C_nb_nodes: Array
+    node_weights: tuple[float, float, float]
 
 
 def propagate(state: InsState, omega_b: Array, f_b: Array, dt: float) -> tuple[InsState, Interval]:
@@ -259,7 +262,9 @@ def _slow(state: InsState, sums: Array, h1: float, time: float) -> tuple[InsStat
     omega0, slow0, per_metre0 = _slow_terms(fn, c[0], c[2], v0)
 
     def predict(t: float, dv: Vector, dp: Vector) -> tuple[Vector, Vector, Vector]:
-        v = [v0[i] + dv[i] + t * slow0[i] for i in _XYZ]
+        # The level frame turned under dv: left out here, it would drift the level at rest by 1e-4 m/s.
+        turned = _cross(omega0, dv)
+        v = [v0[i] + dv[i] + t * (slow0[i] - 0.5 * turned[i]) for i in _XYZ]
         moved = [t * v0[i] + dp[i] + (0.5 * t * t) * slow0[i] for i in _XYZ]
         return _slow_terms(fn, c[0] + moved[1] * per_metre0[1], c[2] + moved[2], v)
 
@@ -274,8 +279,10 @@ def _slow(state: InsState, sums: Array, h1: float, time: float) -> tuple[InsStat
     turned_late = _cross(
         [0.5 * (omega_mid[i] + omega1[i]) for i in _XYZ], [h2 * dv[i] - (dp[i] - dp_mid[i]) for i in _XYZ]
     )
+    turned = [turned[i] + turned_late[i] for i in _XYZ]
+    turned_twice = _cross(zeta, turned)
     turned_path = _cross(zeta, dp)
-    f_time = [dv[i] - turned[i] - turned_late[i] for i in _XYZ]
+    f_time = [dv[i] - turned[i] + turned_twice[i] * (1.0 / 3.0) for i in _XYZ]
     v1 = [v0[i] + f_time[i] + time * (a0 * slow0[i] + am * slow_mid[i] + a1 * slow1[i]) for i in _XYZ]
     path = [
         time * v0[i]
@@ -294,10 +301,13 @@ def _slow(state: InsState, sums: Array, h1: float, time: float) -> tuple[InsStat
     rows += [f / time for f in f_time]
     out = np.array(rows).reshape(24, runs).T
 
-    C1 = out[:, 6:15].reshape(runs, 3, 3) @ seen[1, ..., :3]
-    mean_C = a0 * state.C_nb + am * seen[0, ..., :3] + a1 * C1
-    interval = Interval(time, out[:, 15:18], out[:, 18:21], out[:, 21:24], mean_C)
-    return InsState(_wrapped(out[:, :3]), out[:, 3:6], C1), interval
+    # At the middle the turn of the level frame, 1e-4 rad, is left out: the nodes serve an error model.
+    C_nb = np.empty((3, runs, 3, 3))
+    C_nb[0], C_nb[1] = state.C_nb, seen[0, ..., :3]
+    np.matmul(out[:, 6:15].reshape(runs, 3, 3), seen[1, ..., :3], out=C_nb[2])
+    mean_C = a0 * C_nb[0] + am * C_nb[1] + a1 * C_nb[2]
+    interval = Interval(time, out[:, 15:18], out[:, 18:21], out[:, 21:24], mean_C, C_nb, (a0, am, a1))
+    return InsState(_wrapped(out[:, :3]), out[:, 3:6], C_nb[2]), interval
 
 
 def _wrapped(lla: Array) -> Array:

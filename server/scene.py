@@ -87,20 +87,22 @@ class Scene:
                 if before != item or isinstance(drawn, _Path):
                     drawn.show(item, view.time)
                     self._shown[id] = item
-            lengths = [math.hypot(*v.vector) for v in view.items.values() if v.vector is not None and v.visible]
-            if lengths and max(lengths) > self._radius:
-                self._look(max(lengths))
+            reach = [math.hypot(*v.vector) for v in view.items.values() if v.vector is not None and v.visible]
+            if max(reach, default=0.0) > self._radius:
+                self._look(max(reach))
         self._server.flush()
 
     def _look(self, radius: float) -> None:
-        """Stand where everything within ``radius`` is seen; who is looking already is taken along."""
+        """Stand where everything within ``radius`` is seen; who is looking already is taken along.
+
+        What reaches far is in the sky, so the camera looks at a point a little above the middle.
+        """
         self._radius = radius
-        position = FROM / np.linalg.norm(FROM) * radius * 1.12 / math.sin(0.5 * FIELD_OF_VIEW)
-        camera = self._server.initial_camera
-        camera.fov, camera.position, camera.look_at = FIELD_OF_VIEW, tuple(position), (0.0, 0.0, 0.0)
-        for client in self._server.get_clients().values():
-            client.camera.fov, client.camera.position = FIELD_OF_VIEW, tuple(position)
-            client.camera.look_at = (0.0, 0.0, 0.0)
+        middle = np.array([0.0, 0.0, 0.2 * (radius - LEAST_RADIUS)])
+        position = middle + FROM / np.linalg.norm(FROM) * radius / math.sin(0.5 * FIELD_OF_VIEW)
+        cameras: list[Any] = [self._server.initial_camera, *(client.camera for client in self._server.get_clients().values())]
+        for camera in cameras:
+            camera.fov, camera.position, camera.look_at = FIELD_OF_VIEW, tuple(position), tuple(middle)
 
 
 def colour_of(health: Health, family: Colour) -> Colour:
@@ -112,18 +114,18 @@ def _draw_level(scene: Any) -> None:
     """A quiet ground with north and east on it."""
     scene.add_grid(
         "/level",
-        width=4.0,
-        height=4.0,
+        width=3.0,
+        height=3.0,
         position=(0.0, 0.0, -0.9),
         cell_size=0.5,
-        section_size=2.0,
+        section_size=1.5,
         cell_color=(112, 112, 112),
         section_color=(128, 128, 128),
         cell_thickness=0.6,
         section_thickness=0.9,
         shadow_opacity=0.0,
     )
-    for text, position in (("N", (0.0, 2.1, -0.9)), ("E", (2.1, 0.0, -0.9))):
+    for text, position in (("N", (0.0, 1.6, -0.9)), ("E", (1.6, 0.0, -0.9))):
         scene.add_label(f"/level/{text}", text, position=(position[0], position[1], 0.0), anchor="center-center")
 
 
@@ -134,12 +136,13 @@ class _Labelled:
         self._family = colour
         self._text = item.label
         self._label = scene.add_label(
-            f"{name}/label", item.label, anchor="center-center", font_screen_scale=0.9, visible=False
+            f"{name}/label", item.label, anchor="center-center", font_screen_scale=0.8, visible=False
         )
+        self._always = item.kind in ("axis", "line-of-sight", "vector")
         self._health: Health = "ok"
 
     def _mark(self, view: ItemView, at: Vector, paint: Callable[[Colour], None]) -> None:
-        self._label.visible = view.visible
+        self._label.visible = view.visible and (self._always or view.health != "ok")
         self._label.position = at
         if view.health != self._health:
             self._health = view.health
@@ -156,7 +159,7 @@ class _Arrow(_Labelled):
         self._arrow = scene.add_arrows(
             name,
             _from_origin(item.vector or (0.0, 0.0, 1e-3)),
-            np.array([colour], np.uint8),
+            _linear(colour),
             shaft_radius=radius,
             head_radius=2.6 * radius,
             head_length=7.0 * radius,
@@ -173,7 +176,7 @@ class _Arrow(_Labelled):
         self._mark(view.model_copy(update={"visible": visible}), _beyond(vector, 0.08), self._paint)
 
     def _paint(self, colour: Colour) -> None:
-        self._arrow.colors = np.array([colour], np.uint8)
+        self._arrow.colors = _linear(colour)
 
 
 class _Plane(_Labelled):
@@ -219,7 +222,7 @@ class _LineOfSight(_Labelled):
         self._mark(view.model_copy(update={"visible": visible}), _beyond(vector, 0.12), self._paint)
 
     def _paint(self, colour: Colour) -> None:
-        self._line.colors = np.array([[colour, colour]], np.uint8)
+        self._line.colors = np.array(colour, np.uint8)
         self._ball.color = colour
 
 
@@ -228,15 +231,15 @@ class _Aircraft(_Labelled):
 
     def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
         super().__init__(scene, name, item, colour)
-        vertices, faces = shapes.aircraft(0.55)
+        vertices, faces = shapes.aircraft(1.25)
         self._hull = scene.add_mesh_simple(
-            name, vertices, faces, color=colour, opacity=0.5, side="double", flat_shading=True, cast_shadow=False,
+            name, vertices, faces, color=colour, opacity=0.32, side="double", flat_shading=True, cast_shadow=False,
             receive_shadow=False,
         )  # fmt: skip
 
     def show(self, view: ItemView, time: float) -> None:
         self._hull.visible = view.visible
-        self._mark(view.model_copy(update={"visible": False}), (0.0, 0.0, 0.0), self._paint)
+        self._mark(view, (0.0, 0.0, -0.2), self._paint)
 
     def _paint(self, colour: Colour) -> None:
         self._hull.color = colour
@@ -250,7 +253,6 @@ class _Path(_Labelled):
         self._line = scene.add_line_segments(
             name, np.zeros((1, 2, 3), np.float32), colour, thickness=2.0, thickness_units="screen", visible=False
         )
-        self._colour = colour
         self._way: list[tuple[float, Vector]] = []
 
     def show(self, view: ItemView, time: float) -> None:
@@ -266,11 +268,9 @@ class _Path(_Labelled):
         if visible:
             points = np.array([point for _, point in self._way], np.float32)
             self._line.points = np.stack([points[:-1], points[1:]], axis=1)
-            self._paint(self._colour)
 
     def _paint(self, colour: Colour) -> None:
-        self._colour = colour
-        self._line.colors = np.broadcast_to(np.array(colour, np.uint8), (len(self._line.points), 2, 3)).copy()
+        self._line.colors = np.array(colour, np.uint8)
 
 
 _DRAW: dict[str, Callable[[Any, str, SceneItem, Colour], Drawn]] = {
@@ -282,6 +282,11 @@ _DRAW: dict[str, Callable[[Any, str, SceneItem, Colour], Drawn]] = {
     "aircraft": _Aircraft,
     "path": _Path,
 }
+
+
+def _linear(colour: Colour) -> np.ndarray:
+    """viser takes an arrow's colour for linear light, everything else's for sRGB."""
+    return np.array([[round(255.0 * (part / 255.0) ** 2.2) for part in colour]], np.uint8)
 
 
 def _from_origin(vector: Vector) -> np.ndarray:

@@ -154,5 +154,6 @@ def _start(secret: str) -> viser.ViserServer:
 
     # First in line: a stranger is sent away before viser knows of it.
     websocket._client_connect_cb.insert(0, only_with_the_secret)
-    server.gui.configure_theme(dark_mode=False, show_logo=False, show_share_button=False, control_layout="collapsible")
+    server.gui.configure_theme(dark_mode=False, show_logo=False, show_share_button=False)
+    server.gui.main_panel.minimize()
     return server

@@ -29,6 +29,7 @@ KINDS = (
     "settings.changed",
     "filter.reset",
     "imu.reconfigured",
+    "channel.named",
 )
 
 
@@ -44,6 +45,8 @@ class Event(BaseModel):
     subject: str
     detail: dict[str, Any] = {}
 
+
+_BECAME = {"isolated": "subsystem.isolated", "suspect": "subsystem.suspected"}
 
 Raw = tuple[int, str, str, dict[str, Any]]
 """(run, kind, subject, detail)"""
@@ -86,10 +89,10 @@ def edges(
         )
     for run, column in np.argwhere(output.health != health_before).tolist():
         before, after = HEALTH[health_before[run, column]], HEALTH[output.health[run, column]]
-        kind = {"isolated": "subsystem.isolated", "suspect": "subsystem.suspected"}.get(after)
+        change: str | None = _BECAME.get(after)
         if after == "ok" and before == "isolated":
-            kind = "subsystem.readmitted"
-        if kind is not None:
+            change = "subsystem.readmitted"
+        if change is not None:
             because = [
                 {
                     "test": name,
@@ -99,7 +102,7 @@ def edges(
                 for i, (name, subject) in enumerate(tests)
                 if output.alarm[run, i] and subject == subjects[column]
             ]
-            yield run, kind, subjects[column], {"before": before, "alarms": because}
+            yield run, change, subjects[column], {"before": before, "alarms": because}
     for notice in output.notices:
         for run in np.flatnonzero(notice.where).tolist():
             numbers = {

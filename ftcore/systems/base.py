@@ -124,9 +124,17 @@ class Assembly:
 class System(Protocol):
     """One of FTLab's systems, before it is put together."""
 
-    description: SystemDescription
-    Parameters: type[Form]
-    Settings: type[Form]
+    @property
+    def description(self) -> SystemDescription:
+        """What it says of itself."""
+
+    @property
+    def Parameters(self) -> type[Form]:  # noqa: N802 - a class
+        """What is fixed at the start."""
+
+    @property
+    def Settings(self) -> type[Form]:  # noqa: N802 - a class
+        """What can be changed in flight."""
 
     def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
         """Put the system together for ``duration`` seconds."""

@@ -20,7 +20,7 @@ def quantity(
     default: float, unit: str, description: str, low: float, high: float, source: str = "FTLab default"
 ) -> Any:
     """A number with unit, bounds and source."""
-    extra = {"unit": unit, "source": source}
+    extra: dict[str, Any] = {"unit": unit, "source": source}
     return Field(default=default, ge=low, le=high, description=description, json_schema_extra=extra)
 
 

@@ -94,10 +94,10 @@ class RedundantImu:
         samples = np.stack([gyro.values, accelerometer.values], axis=1)
         runs = len(samples)
         mean = samples.mean(axis=-1)
-        present = np.ones((runs, CLUSTERS, INSTRUMENTS), bool)
+        present: Flags = np.ones((runs, CLUSTERS, INSTRUMENTS), bool)
         if not (gyro.valid.all() and accelerometer.valid.all()):
             valid = np.broadcast_to(np.stack(np.broadcast_arrays(gyro.valid, accelerometer.valid), axis=1), mean.shape)
-            present = valid.reshape(runs, CLUSTERS, INSTRUMENTS, -1).all(axis=-1)
+            present = np.asarray(valid.reshape(runs, CLUSTERS, INSTRUMENTS, -1).all(axis=-1))
             # An axis without a reading says what the others say: it can neither alarm nor hide an alarm.
             others = np.matvec(self._cluster.gains[mask_index(present)], np.where(valid, mean, 0.0))
             mean = np.where(valid, mean, others @ self._cluster.H.T)

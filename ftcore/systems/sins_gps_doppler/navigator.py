@@ -23,7 +23,7 @@ from ftcore.estimation.strapdown import InsState, damp_vertical, damping_gains, 
 from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Flags, Notice, Output
 from ftcore.systems.sins_gps_doppler import bank, measurements
-from ftcore.systems.sins_gps_doppler.aid_tests import AidTests, AidTestState
+from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult, AidTests, AidTestState
 from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, LOCAL, PRIOR, PROPAGATOR, Filters
 from ftcore.systems.sins_gps_doppler.description import AID_TESTS, AIDS, EPOCH, SLOTS
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
@@ -62,7 +62,7 @@ class Aid:
     H: Array
     R: Array
     valid: Flags
-    columns: NDArray[np.intp]
+    columns: NDArray[np.int64]
 
     def of(self, filters: list[int]) -> tuple[Array, Array, Array, Flags]:
         """y, H, R, valid for some filters of the bank."""
@@ -92,7 +92,7 @@ class Navigator:
         self._imu = RedundantImu(cluster, density, bias, np.stack(calibration, axis=1), i.calibration, EPOCH)
         self._P0 = _initial_covariance(p, cluster, bias)
         self._gains = damping_gains(a.vertical_damping, p.flight.height)
-        self._tests = AidTests(runs)
+        self._tests = AidTests(runs, ins_error.STATES)
 
     @staticmethod
     def geometry(p: Parameters) -> Cluster:
@@ -207,7 +207,7 @@ class Navigator:
             alarm=np.concatenate([tests.alarm, imu.alarm], axis=-1),
             health=health,
             used=both_used,
-            notices=_notices(decision, imu, tests_state, tests, used),
+            notices=_notices(decision, imu, tests),
             detail=detail,
         )
         return after, output
@@ -354,19 +354,31 @@ def _bias_jump(filters: Filters, imu: ImuEpoch) -> Filters:
     return Filters(filters.x, P)
 
 
-def _notices(
-    decision: supervisor.Decision, imu: ImuEpoch, state: AidTestState, tests: object, used: Flags
-) -> list[Notice]:
+def _notices(decision: supervisor.Decision, imu: ImuEpoch, tests: AidTestResult) -> list[Notice]:
     notices = []
     for j, subject in enumerate(SUBJECTS):
-        back = decision.just_readmitted[:, j]
+        back, out = decision.just_readmitted[:, j], decision.just_isolated[:, j]
         if back.any():
             notices.append(Notice("filter.reset", subject, back, {}))
+        if out.any():
+            for column in np.unique(tests.culprit[out, j]):
+                if column >= 0:
+                    where = out & (tests.culprit[:, j] == column)
+                    part, unit = _channel(subject, int(column))
+                    numbers = {f"estimated_fault [{unit}]": tests.size[:, j]}
+                    notices.append(Notice("channel.named", f"{subject}.{part}", where, numbers))
     if imu.changed.any():
         names = ("gyro", "accelerometer")
         numbers = {f"{name}s_used": imu.used[:, c].sum(axis=-1).astype(float) for c, name in enumerate(names)}
         notices.append(Notice("imu.reconfigured", "imu", imu.changed, numbers))
     return notices
+
+
+def _channel(subject: str, column: int) -> tuple[str, str]:
+    """Part and unit behind a measurement column."""
+    if subject == "gps":
+        return SLOTS[column % len(SLOTS)], "m" if column < len(SLOTS) else "m/s"
+    return "xyz"[column], "m/s"
 
 
 def _hdop(e_n: Array, usable: Flags) -> Array:

@@ -77,7 +77,7 @@ class Plant:
         span = slice((epoch - 1) * self.samples, epoch * self.samples)
         end = epoch * self.samples
         truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], t.C_nb[end : end + 1])
-        times = now - EPOCH + (np.arange(self.samples) + 0.5) * self.dt
+        times = np.asarray(now - EPOCH + (np.arange(self.samples) + 0.5) * self.dt, dtype=np.float64)
         clock = state.clock.step(EPOCH, p.clock_phase_noise, p.clock_frequency_noise, self._noise, epoch)
         position, velocity = constellation.satellite_states(p.constellation_time + now)
         sight = constellation.line_of_sight(truth.lla[0], position)

@@ -13,8 +13,9 @@ Signs. Error = indicated - true.
 """
 
 from ftcore import catalogue
+from ftcore.commands import CommandError
 from ftcore.faults import Fault
 from ftcore.scenario import Scenario
-from ftcore.simulation import CommandError, Simulation
+from ftcore.simulation import Simulation
 
 __all__ = ["CommandError", "Fault", "Scenario", "Simulation", "catalogue"]

@@ -7,6 +7,7 @@ says until when it is how coarse.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -116,7 +117,7 @@ class Recording:
         """Columns of one run between two times.
 
         With ``points`` every signal keeps its extremes: time is cut into ``points / 2`` buckets, and the rows where any
-        signal has its least or greatest value of the bucket survive (shared time axis, so possibly more rows than asked).
+        signal has its least or greatest value of the bucket survive (the time axis is shared, so there may be more).
         """
         time = self.time
         lo = 0 if start is None else int(np.searchsorted(time, start - 1e-9))
@@ -141,7 +142,7 @@ def decimate(data: Array, points: int) -> NDArray[np.intp]:
     edges = np.linspace(0, n, buckets + 1).astype(int)
     keep = {0, n - 1}
     finite = np.nan_to_num(data)
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges.tolist()):
         if b > a:
             keep.update((a + finite[a:b].argmin(axis=0)).tolist())
             keep.update((a + finite[a:b].argmax(axis=0)).tolist())

@@ -207,7 +207,7 @@ def _fault_score(
 def _test_score(
     name: str, subject: str, recording: Recording, live: Sequence[Fault], channels: Mapping[str, ChannelAddress]
 ) -> TestScore:
-    """Epochs count until the first fault that can reach the subject; inertial faults reach every other sensor's tests."""
+    """Epochs count until the first fault that can reach the subject; inertial faults reach every sensor's tests."""
     reached = [
         f.start
         for f in live

@@ -11,43 +11,29 @@ from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
+from ftcore import commands as desk
 from ftcore import recording as table
+from ftcore.commands import CommandError, LiveFault, Operator
 from ftcore.description import Signal, SystemDescription, View
 from ftcore.events import Event, edges, fault_detail
-from ftcore.faults import KINDS, Fault, FaultError, FaultMemory, apply, check
+from ftcore.faults import Fault, FaultMemory, apply
 from ftcore.noise import NoiseSource
 from ftcore.recording import Recording
-from ftcore.scenario import MAX_FAULTS, Change, Clear, Command, Configure, Inject, Scenario, Switch
+from ftcore.scenario import Change, Clear, Command, Configure, Inject, Scenario, Switch
 from ftcore.score import Score, compute
-from ftcore.systems.base import HEALTH, Controls, Flags, Output, addresses
+from ftcore.systems.base import HEALTH, Flags, Output, addresses
+
+__all__ = ["CommandError", "LiveFault", "Simulation", "SubsystemState"]
 
 Array = NDArray[np.float64]
 
 CHECKPOINTS = 64
 """States kept for rewinding; a batch keeps fewer, so that memory stays bounded."""
-
-
-class CommandError(ValueError):
-    """A command that was refused and changed nothing; ``field`` says which part of it is wrong."""
-
-    def __init__(self, field: str, message: str) -> None:
-        super().__init__(message)
-        self.field = field
-
-
-@dataclass(frozen=True)
-class LiveFault:
-    """A fault as the operator sees it."""
-
-    fault: Fault
-    unit: str | None
-    state: Literal["armed", "active", "ended"]
 
 
 @dataclass(frozen=True)
@@ -57,22 +43,6 @@ class SubsystemState:
     enabled: bool
     used: bool
     health: str
-
-
-@dataclass(frozen=True)
-class Operator:
-    """Everything the operator has set; a value."""
-
-    faults: tuple[Fault, ...]
-    enabled: Mapping[str, bool]
-    settings: Any
-    next_id: int = 1
-    scripted: int = 0
-
-    @property
-    def controls(self) -> Controls:
-        """The part the navigator sees."""
-        return Controls(self.enabled, self.settings)
 
 
 @dataclass(frozen=True)
@@ -193,7 +163,7 @@ class Simulation:
     @property
     def faults(self) -> list[LiveFault]:
         """All faults: armed, active and ended."""
-        return [self._live(fault) for fault in self._operator.faults]
+        return [desk.live(fault, self.now, self._channels) for fault in self._operator.faults]
 
     @property
     def subsystems(self) -> dict[str, SubsystemState]:
@@ -348,78 +318,45 @@ class Simulation:
             CommandError: the channel cannot take it; the message says what it takes.
         """
         injected = self._inject(fault)
-        self._record_command(Inject(action="inject", time=self.now, fault=injected))
+        self._given(Inject(action="inject", time=self.now, fault=injected))
         return injected
 
     def change(self, fault_id: str, **fields: Any) -> Fault:
         """Change magnitude, end or another field of a fault that is armed or active. Raises CommandError."""
-        old = self._find(fault_id)
-        if self._live(old).state == "ended":
-            raise CommandError("fault", f"fault {fault_id!r} has ended; inject a new one")
-        if "id" in fields:
-            raise CommandError("id", "a fault keeps its id; leave it out")
-        try:
-            new = Fault.model_validate(old.model_dump() | fields)
-            check(new, self._channels)
-        except FaultError as error:
-            raise CommandError(error.field, str(error)) from None
-        except ValidationError as error:
-            first = error.errors()[0]
-            raise CommandError(".".join(map(str, first["loc"])) or "end", first["msg"]) from None
-        self._operator = replace(
-            self._operator, faults=tuple(new if f.id == fault_id else f for f in self._operator.faults)
-        )
-        self._event(-1, "fault.changed", self._channels[new.channel].sensor, fault_detail(new, self._unit(new)))
-        self._record_command(Change(action="change", time=self.now, fault=fault_id, fields=fields))
+        self._operator, new = desk.change(self._operator, fault_id, fields, self.now, self._channels)
+        self._fault_event("fault.changed", new)
+        self._given(Change(action="change", time=self.now, fault=fault_id, fields=fields))
         return new
 
     def clear(self, fault_id: str) -> Fault:
         """End one fault now; the channel is truly restored. Raises CommandError if there is no such fault."""
-        fault = self._find(fault_id)
-        state = self._live(fault).state
-        if state == "ended":
-            return fault
-        assert fault.start is not None
-        never_flew = state == "armed" or fault.start >= self.now
-        ended = fault.model_copy(update={"end": self.now})
-        self._operator = replace(
-            self._operator,
-            faults=tuple(
-                ended if f.id == fault_id else f for f in self._operator.faults if not (never_flew and f.id == fault_id)
-            ),
-        )
-        self._event(-1, "fault.cleared", self._channels[fault.channel].sensor, fault_detail(ended, self._unit(fault)))
-        self._record_command(Clear(action="clear", time=self.now, fault=fault_id))
+        before = self._operator
+        self._operator, ended = desk.clear(before, fault_id, self.now, self._channels)
+        if self._operator is not before:
+            self._fault_event("fault.cleared", ended)
+            self._given(Clear(action="clear", time=self.now, fault=fault_id))
         return ended
 
     def clear_all(self) -> list[Fault]:
         """End every fault that is armed or active."""
-        return [self.clear(str(f.id)) for f in self._operator.faults if self._live(f).state != "ended"]
+        return [self.clear(str(f.fault.id)) for f in self.faults if f.state != "ended"]
 
     def switch(self, subsystem: str, enabled: bool) -> Simulation:
         """Switch a subsystem off or on. Raises CommandError for an unknown one."""
-        if subsystem not in self._operator.enabled:
-            raise CommandError("name", f"no subsystem {subsystem!r}; there are {', '.join(self._operator.enabled)}")
-        if self._operator.enabled[subsystem] != enabled:
-            self._operator = replace(self._operator, enabled={**self._operator.enabled, subsystem: enabled})
+        after = desk.switch(self._operator, subsystem, enabled)
+        if after.enabled != self._operator.enabled:
+            self._operator = after
             self._event(-1, "subsystem.switched", subsystem, {"enabled": enabled})
-            self._record_command(Switch(action="switch", time=self.now, subsystem=subsystem, enabled=enabled))
+            self._given(Switch(action="switch", time=self.now, subsystem=subsystem, enabled=enabled))
         return self
 
     def configure(self, **settings: Any) -> dict[str, Any]:
         """Change settings of the system. Returns all of them. Raises CommandError, naming the field."""
-        form = self.scenario.model.Settings
-        try:
-            new = form.model_validate(self._operator.settings.model_dump() | settings)
-        except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(map(str, first["loc"])) or "settings"
-            known = f"; settings are {', '.join(form.model_fields)}" if first["type"] == "extra_forbidden" else ""
-            raise CommandError(field, first["msg"] + known) from None
-        if new != self._operator.settings:
-            self._operator = replace(self._operator, settings=new)
+        after = desk.configure(self._operator, self.scenario.model.Settings, settings)
+        if after.settings != self._operator.settings:
+            self._operator = after
             self._event(-1, "settings.changed", "settings", dict(settings))
-            self._record_command(Configure(action="configure", time=self.now, settings=settings))
+            self._given(Configure(action="configure", time=self.now, settings=settings))
         return self.settings
 
     # ---- inside ---------------------------------------------------------------------------------------------------
@@ -434,28 +371,12 @@ class Simulation:
         return after, truth, output
 
     def _inject(self, fault: Fault) -> Fault:
-        if len(self._operator.faults) >= MAX_FAULTS:
-            raise CommandError("fault", f"there are {MAX_FAULTS} faults already, the most one flight takes")
-        number = self._operator.next_id
-        taken = {f.id for f in self._operator.faults}
-        if fault.id in taken:
-            raise CommandError("id", f"there is a fault {fault.id!r} already; leave id out to be given one")
-        while fault.id is None and f"f{number}" in taken:
-            number += 1
-        start = self.now if fault.start is None else fault.start
-        if fault.end is not None and fault.end <= start:
-            raise CommandError("end", f"end is {fault.end:g} s, which is not after the start at {start:g} s")
-        injected = fault.model_copy(update={"id": fault.id or f"f{number}", "start": start})
-        try:
-            check(injected, self._channels)
-        except FaultError as error:
-            raise CommandError(error.field, str(error)) from None
-        self._operator = replace(self._operator, faults=(*self._operator.faults, injected), next_id=number + 1)
-        sensor = self._channels[injected.channel].sensor
-        self._event(-1, "fault.injected", sensor, fault_detail(injected, self._unit(injected)))
+        self._operator, injected = desk.inject(self._operator, fault, self.now, self._channels)
+        self._fault_event("fault.injected", injected)
         return injected
 
-    def _record_command(self, command: Command) -> None:
+    def _given(self, command: Command) -> None:
+        """Remember a command: in the log, unless the scenario's own log gave it, and as the operator's new state."""
         if not self._replaying:
             self._log.append(command)
         self._keep_operator()
@@ -515,33 +436,17 @@ class Simulation:
             raise CommandError(field, f"{time:g} s lies outside the flight so far, which is 0 to {self.now:g} s")
         return round(time / self.period)
 
-    def _find(self, fault_id: str) -> Fault:
-        for fault in self._operator.faults:
-            if fault.id == fault_id:
-                return fault
-        known = ", ".join(str(f.id) for f in self._operator.faults) or "none"
-        raise CommandError("fault", f"no fault {fault_id!r}; there is {known}")
-
-    def _live(self, fault: Fault) -> LiveFault:
-        assert fault.start is not None
-        state: Literal["armed", "active", "ended"] = "active"
-        if fault.end is not None and self.now >= fault.end - 1e-9:
-            state = "ended"
-        elif self.now < fault.start - 1e-9:
-            state = "armed"
-        return LiveFault(fault, self._unit(fault), state)
-
-    def _unit(self, fault: Fault) -> str | None:
-        return fault.unit or KINDS[fault.kind].unit(self._channels[fault.channel].unit)
-
     def _fault_edges(self, before: float, now: float) -> None:
         for fault in self._operator.faults:
             assert fault.start is not None
-            sensor = self._channels[fault.channel].sensor
             if before < fault.start <= now or (before == 0.0 == fault.start):
-                self._event(-1, "fault.started", sensor, fault_detail(fault, self._unit(fault)))
+                self._fault_event("fault.started", fault)
             if fault.end is not None and before < fault.end <= now:
-                self._event(-1, "fault.ended", sensor, fault_detail(fault, self._unit(fault)))
+                self._fault_event("fault.ended", fault)
+
+    def _fault_event(self, kind: str, fault: Fault) -> None:
+        detail = fault_detail(fault, desk.unit_of(fault, self._channels))
+        self._event(-1, kind, self._channels[fault.channel].sensor, detail)
 
     def _event(self, run: int, kind: str, subject: str, detail: dict[str, Any]) -> None:
         self._events.append(

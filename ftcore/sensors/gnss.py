@@ -23,7 +23,7 @@ class Clock:
     frequency: Array
 
     def step(self, dt: float, s_f: float, s_g: float, noise: NoiseSource, epoch: int) -> Clock:
-        """Two-state clock after ``dt`` seconds, exactly: white frequency noise S_f [m^2/s], random-walk S_g [m^2/s^3]."""
+        """The clock ``dt`` seconds later, exactly: white frequency noise S_f [m^2/s], random-walk S_g [m^2/s^3]."""
         white = noise.normal("gps.clock", epoch, (2,))
         # Cholesky factor of the exact two-state covariance, written out.
         var_phase = s_f * dt + s_g * dt**3 / 3.0

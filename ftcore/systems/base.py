@@ -129,11 +129,11 @@ class System(Protocol):
         """What it says of itself."""
 
     @property
-    def Parameters(self) -> type[Form]:  # noqa: N802 - a class
+    def Parameters(self) -> type[Form]:
         """What is fixed at the start."""
 
     @property
-    def Settings(self) -> type[Form]:  # noqa: N802 - a class
+    def Settings(self) -> type[Form]:
         """What can be changed in flight."""
 
     def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:

@@ -6,7 +6,7 @@ from typing import Any
 
 from ftcore.noise import NoiseSource
 from ftcore.systems.base import Assembly
-from ftcore.systems.sins_gps_doppler.description import EPOCH, SUBJECTS, TESTS, description
+from ftcore.systems.sins_gps_doppler.description import SUBJECTS, TESTS, description
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 
 

@@ -29,7 +29,7 @@ class Columns(Protocol):
     """What the tests need to know of a measurement: H ``(runs, 2, m, n)``, valid ``(runs, m)``, ids of its columns."""
 
     @property
-    def H(self) -> Array:  # noqa: N802 - the name of the matrix
+    def H(self) -> Array:
         """Measurement matrix."""
 
     @property

@@ -58,7 +58,7 @@ def start(runs: int, P0: Array, sharing: Sharing) -> Filters:
 
 
 def predict(filters: Filters, Phi: Array, Q: Array, sharing: Sharing, members: Flags) -> Filters:
-    """Carry all filters over: ``Phi``, ``Q`` ``(runs, 2, 21, 21)`` of the two strapdowns; locals get their share of Q."""
+    """Carry all filters over with ``Phi``, ``Q`` ``(runs, 2, 21, 21)`` of the two strapdowns; locals share Q."""
     Phi_bank = Phi[:, INS_OF_FILTER]
     Q_bank = Q[:, INS_OF_FILTER]
     Q_bank[:, :3] *= federated.noise_factors(sharing, members)[..., None, None]

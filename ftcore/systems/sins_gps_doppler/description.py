@@ -365,7 +365,9 @@ def _blocks() -> list[Block]:
             settings=("imu_driving_test", "false_alarm_probability"),
         ),
         Block(id="sins", label="SINS", kind="computer", x=27, y=40, width=20, height=11),
-        Block(id="filter-gps", label="SINS/GPS", kind="filter", x=52, y=2, width=22, height=12, settings=("gps_share",)),
+        Block(
+            id="filter-gps", label="SINS/GPS", kind="filter", x=52, y=2, width=22, height=12, settings=("gps_share",)
+        ),
         Block(id="tests", label="Tests", kind="test", x=52, y=26, width=22, height=15, settings=drives),
         Block(
             id="filter-doppler", label="SINS/Doppler", kind="filter", x=52, y=54, width=22, height=12,
@@ -375,7 +377,10 @@ def _blocks() -> list[Block]:
             id="supervisor", label="Supervisor", kind="supervisor", x=79, y=20, width=20, height=12,
             settings=("confirm", "within", "hold_off"),
         ),
-        Block(id="master", label="Master", kind="master", x=79, y=40, width=20, height=14, settings=("fusion_mode", "master")),
+        Block(
+            id="master", label="Master", kind="master", x=79, y=40, width=20, height=14,
+            settings=("fusion_mode", "master"),
+        ),
     ]  # fmt: skip
 
 
@@ -440,8 +445,8 @@ def description() -> SystemDescription:
         id="sins-gps-doppler",
         title="SINS/GPS/Doppler federated system",
         summary=(
-            "A strapdown inertial system with a redundant IMU, aided by GPS and Doppler radar through two local filters "
-            "and a fault-tolerant master."
+            "A strapdown inertial system with a redundant IMU, aided by GPS and Doppler radar through two local "
+            "filters and a fault-tolerant master."
         ),
         source="H.G. Zhang and H.Y. Zhang, Fault tolerant scheme for multisensor navigation system, ICAS 1992",
         epoch=EPOCH,

@@ -131,7 +131,8 @@ class Settings(Form):
     master: Literal["federated", "covariance-intersection"] = Field(
         default="federated",
         title="Master",
-        description="how local estimates are fused; covariance intersection takes their correlation as unknown (no-reset)",
+        description="how local estimates are fused; covariance intersection fuses the filters that are alone, "
+        "taking their correlation as unknown",
     )
     gps_share: float = Field(
         default=0.5,

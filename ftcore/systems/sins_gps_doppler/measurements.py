@@ -3,8 +3,8 @@
 GPS:      y1 = rho_G - rho_I          = e . dr + d_tu,  and the same for the rates
 Doppler:  y2 = C_bn v_I - v_D         = C_bn (dv - d_k v - d_Delta (up x v) + v x T)        in body axes
 
-000 leaves the attitude term v x T out; at 300 m/s an azimuth error of 1 mrad is 0.3 m/s, more than the radar's noise, so
-it is kept. Body axes keep one row an axis, so that a lost axis is a lost row. e points from the user to the satellite.
+000 leaves the attitude term v x T out; at 300 m/s an azimuth error of 1 mrad is 0.3 m/s, more than the radar's noise,
+so it is kept. Body axes keep one row an axis: a lost axis is a lost row. e points from the user to the satellite.
 """
 
 from __future__ import annotations

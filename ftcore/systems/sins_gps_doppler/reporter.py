@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import BlockView, Health, ItemView, View
+from ftcore.detection.geometry import Cluster
 from ftcore.estimation import kalman
 from ftcore.estimation.ins_error import navigation_error
 from ftcore.estimation.strapdown import InsState
-from ftcore.detection.geometry import Cluster
 from ftcore.rotation import matrix_to_rpy
 from ftcore.systems.base import HEALTH, Controls, Output
 from ftcore.systems.sins_gps_doppler.description import AIDS, AXES, CLUSTERS, SLOTS, SUBJECTS, TESTS

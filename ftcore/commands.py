@@ -1,0 +1,162 @@
+"""The operator's commands, and everything that they have set, as a value.
+
+A command is a function from an operator to a new one; it refuses what cannot be, with the field that is wrong, and then
+nothing has changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from pydantic import ValidationError
+
+from ftcore.faults import KINDS, ChannelAddress, Fault, FaultError, check
+from ftcore.scenario import MAX_FAULTS
+from ftcore.systems.base import Controls, Form
+
+Channels = Mapping[str, ChannelAddress]
+
+
+class CommandError(ValueError):
+    """A command that was refused and changed nothing; ``field`` says which part of it is wrong."""
+
+    def __init__(self, field: str, message: str) -> None:
+        super().__init__(message)
+        self.field = field
+
+
+@dataclass(frozen=True)
+class LiveFault:
+    """A fault as the operator sees it."""
+
+    fault: Fault
+    unit: str | None
+    state: Literal["armed", "active", "ended"]
+
+
+@dataclass(frozen=True)
+class Operator:
+    """What is broken, switched and set.
+
+    Attributes:
+        faults: all that were ever injected and flew, or still may.
+        enabled: subsystem -> switched on.
+        settings: the system's settings form.
+        next_id: number of the next fault that comes without an id.
+        scripted: how many commands of the scenario's own log have been given.
+    """
+
+    faults: tuple[Fault, ...]
+    enabled: Mapping[str, bool]
+    settings: Any
+    next_id: int = 1
+    scripted: int = 0
+
+    @property
+    def controls(self) -> Controls:
+        """The part the navigator sees."""
+        return Controls(self.enabled, self.settings)
+
+    def find(self, fault_id: str) -> Fault:
+        """The fault of that id. Raises CommandError, listing those there are."""
+        for fault in self.faults:
+            if fault.id == fault_id:
+                return fault
+        known = ", ".join(str(f.id) for f in self.faults) or "none"
+        raise CommandError("fault", f"no fault {fault_id!r}; there is {known}")
+
+
+def unit_of(fault: Fault, channels: Channels) -> str | None:
+    """Unit of a fault's magnitude, as a person reads it."""
+    return fault.unit or KINDS[fault.kind].unit(channels[fault.channel].unit)
+
+
+def live(fault: Fault, now: float, channels: Channels) -> LiveFault:
+    """A fault with its state at ``now`` [s]."""
+    assert fault.start is not None
+    state: Literal["armed", "active", "ended"] = "active"
+    if fault.end is not None and now >= fault.end - 1e-9:
+        state = "ended"
+    elif now < fault.start - 1e-9:
+        state = "armed"
+    return LiveFault(fault, unit_of(fault, channels), state)
+
+
+def inject(operator: Operator, fault: Fault, now: float, channels: Channels) -> tuple[Operator, Fault]:
+    """Lay a fault over a channel; start defaults to now, an id is given where there is none."""
+    if len(operator.faults) >= MAX_FAULTS:
+        raise CommandError("fault", f"there are {MAX_FAULTS} faults already, the most one flight takes")
+    number = operator.next_id
+    taken = {f.id for f in operator.faults}
+    if fault.id in taken:
+        raise CommandError("id", f"there is a fault {fault.id!r} already; leave id out to be given one")
+    while fault.id is None and f"f{number}" in taken:
+        number += 1
+    start = now if fault.start is None else fault.start
+    if fault.end is not None and fault.end <= start:
+        raise CommandError("end", f"end is {fault.end:g} s, which is not after the start at {start:g} s")
+    injected = fault.model_copy(update={"id": fault.id or f"f{number}", "start": start})
+    try:
+        check(injected, channels)
+    except FaultError as error:
+        raise CommandError(error.field, str(error)) from None
+    return replace(operator, faults=(*operator.faults, injected), next_id=number + 1), injected
+
+
+def change(
+    operator: Operator, fault_id: str, fields: Mapping[str, Any], now: float, channels: Channels
+) -> tuple[Operator, Fault]:
+    """Change fields of a fault that is armed or active."""
+    old = operator.find(fault_id)
+    if live(old, now, channels).state == "ended":
+        raise CommandError("fault", f"fault {fault_id!r} has ended; inject a new one")
+    if "id" in fields:
+        raise CommandError("id", "a fault keeps its id; leave it out")
+    if fields.get("start", old.start) is None:
+        raise CommandError("start", "start of a fault that is there cannot be none; give a time in seconds")
+    try:
+        new = Fault.model_validate(old.model_dump() | dict(fields))
+        check(new, channels)
+    except FaultError as error:
+        raise CommandError(error.field, str(error)) from None
+    except ValidationError as error:
+        raise refusal(error, "end") from None
+    return replace(operator, faults=tuple(new if f.id == fault_id else f for f in operator.faults)), new
+
+
+def clear(operator: Operator, fault_id: str, now: float, channels: Channels) -> tuple[Operator, Fault]:
+    """End a fault now; one that never flew is taken away altogether."""
+    fault = operator.find(fault_id)
+    if live(fault, now, channels).state == "ended":
+        return operator, fault
+    assert fault.start is not None
+    ended = fault.model_copy(update={"end": now})
+    if fault.start >= now - 1e-9:
+        return replace(operator, faults=tuple(f for f in operator.faults if f.id != fault_id)), ended
+    return replace(operator, faults=tuple(ended if f.id == fault_id else f for f in operator.faults)), ended
+
+
+def switch(operator: Operator, subsystem: str, enabled: bool) -> Operator:
+    """Switch a subsystem off or on."""
+    if subsystem not in operator.enabled:
+        raise CommandError("name", f"no subsystem {subsystem!r}; there are {', '.join(operator.enabled)}")
+    return replace(operator, enabled={**operator.enabled, subsystem: enabled})
+
+
+def configure(operator: Operator, form: type[Form], settings: Mapping[str, Any]) -> Operator:
+    """Change settings of the system."""
+    try:
+        new = form.model_validate(operator.settings.model_dump() | dict(settings))
+    except ValidationError as error:
+        known = ", ".join(form.model_fields)
+        raise refusal(error, "settings", f"; settings are {known}") from None
+    return replace(operator, settings=new)
+
+
+def refusal(error: ValidationError, whole: str, known: str = "") -> CommandError:
+    """The first thing that pydantic found, as a refused command; ``whole`` names the field where it names none."""
+    first = error.errors()[0]
+    hint = known if first["type"] == "extra_forbidden" else ""
+    return CommandError(".".join(map(str, first["loc"])) or whole, first["msg"] + hint)

@@ -6,8 +6,9 @@ from typing import Any
 
 from ftcore.noise import NoiseSource
 from ftcore.systems.base import Assembly
-from ftcore.systems.sins_gps_doppler.description import SUBJECTS, TESTS, description
+from ftcore.systems.sins_gps_doppler.description import description
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
+from ftcore.systems.sins_gps_doppler.names import SUBJECTS, TESTS
 
 
 class SinsGpsDoppler:

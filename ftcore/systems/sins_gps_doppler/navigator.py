@@ -25,9 +25,9 @@ from ftcore.systems.base import Controls, Flags, Notice, Output
 from ftcore.systems.sins_gps_doppler import bank, measurements
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult, AidTests, AidTestState
 from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, LOCAL, PRIOR, PROPAGATOR, Filters
-from ftcore.systems.sins_gps_doppler.description import AID_TESTS, AIDS, EPOCH, SLOTS
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
+from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, EPOCH, SLOTS
 from ftcore.systems.sins_gps_doppler.reporter import Detail
 
 Array = NDArray[np.float64]

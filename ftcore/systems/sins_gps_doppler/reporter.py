@@ -14,7 +14,7 @@ from ftcore.estimation.ins_error import navigation_error
 from ftcore.estimation.strapdown import InsState
 from ftcore.rotation import matrix_to_rpy
 from ftcore.systems.base import HEALTH, Controls, Output
-from ftcore.systems.sins_gps_doppler.description import AIDS, AXES, CLUSTERS, SLOTS, SUBJECTS, TESTS
+from ftcore.systems.sins_gps_doppler.names import AIDS, AXES, CLUSTERS, SLOTS, SUBJECTS, TESTS
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,156 @@
+"""The charts that the SINS/GPS/Doppler system offers."""
+
+from __future__ import annotations
+
+from ftcore.description import Chart, Trace
+from ftcore.systems.sins_gps_doppler.names import (
+    AID_TESTS,
+    AIDS,
+    CLUSTERS,
+    ERRORS,
+    ESTIMATORS,
+    IMU_TESTS,
+    ROLES,
+    SLOTS,
+    TEST_LABELS,
+    subject_label,
+)
+
+
+def _error_chart(quantity: str, part: str, title: str, shown: bool = False) -> Chart:
+    unit = ERRORS[quantity][0]
+    traces = tuple(
+        Trace(
+            signal=f"{estimator}.error.{quantity}.{part}",
+            label=label,
+            role=ROLES[estimator],  # type: ignore[arg-type]
+            sigma=f"fused.sigma.{quantity}.{part}" if estimator == "fused" else None,
+        )
+        for estimator, label in ESTIMATORS.items()
+        # Doppler alone never learns its position: tens of metres, that would flatten the others.
+        if not (quantity == "position" and estimator == "doppler")
+    )
+    return Chart(id=f"{quantity}-{part}", title=title, unit=unit, group="errors", traces=traces, shown=shown)
+
+
+def _test_chart(test: str, subject: str, shown: bool = False) -> Chart:
+    stem = f"test.{test}.{subject}"
+    traces = [
+        Trace(signal=f"{stem}.statistic", label="statistic", role="statistic"),
+        Trace(signal=f"{stem}.threshold", label="threshold", role="threshold"),
+    ]
+    title = f"{TEST_LABELS[test][0].upper()}{TEST_LABELS[test][1:]}, {subject_label(subject)}"
+    return Chart(
+        id=f"{test}-{subject}", title=title, unit="1", group="tests", scale="log", traces=tuple(traces), shown=shown
+    )
+
+
+def charts() -> list[Chart]:
+    """All of them; those marked as shown are open at first."""
+    names = {"east": "East", "north": "North"}
+    found = [_error_chart("position", "up", "Altitude error", shown=True)]
+    found += [_error_chart("position", p, f"{n} position error") for p, n in names.items()]
+    found += [_error_chart("velocity", "east", "East velocity error", shown=True)]
+    found += [
+        _error_chart("velocity", "north", "North velocity error"),
+        _error_chart("velocity", "up", "Vertical velocity error"),
+        _error_chart("attitude", "east", "East tilt error"),
+        _error_chart("attitude", "north", "North tilt error"),
+        _error_chart("attitude", "up", "Azimuth error"),
+    ]
+    found.append(
+        Chart(
+            id="position-doppler",
+            title="Position error of SINS/Doppler alone",
+            unit="m",
+            group="errors",
+            traces=tuple(
+                Trace(signal=f"doppler.error.position.{p}", label=p, role="component") for p in ("east", "north", "up")
+            ),
+        )
+    )
+    for test in AID_TESTS:
+        for subject in AIDS:
+            found.append(_test_chart(test, subject, shown=(test, subject) in {("residual", "gps"), ("state", "gps")}))
+    for test in IMU_TESTS:
+        for cluster in CLUSTERS:
+            found.append(_test_chart(test, f"imu.{cluster}", shown=(test, cluster) == ("parity", "accelerometer")))
+    for cluster, unit in (("gyro", "deg/h"), ("accelerometer", "mg")):
+        found.append(
+            Chart(
+                id=f"parity-vector-{cluster}",
+                title=f"Parity vector, {cluster}s",
+                unit=unit,
+                group="parity",
+                traces=tuple(Trace(signal=f"parity.{cluster}.{i}", label=f"component {i}") for i in (1, 2, 3)),
+            )
+        )
+    found.append(
+        Chart(
+            id="isolation-accelerometer",
+            title="GLT of each accelerometer",
+            unit="1",
+            group="parity",
+            scale="log",
+            traces=tuple(
+                Trace(signal=f"test.glt.imu.accelerometer.{k}.statistic", label=f"accelerometer {k}") for k in (1, 2, 3)
+            ),
+        )
+    )
+    found.append(
+        Chart(
+            id="isolation-gyro",
+            title="GLT of each gyro",
+            unit="1",
+            group="parity",
+            scale="log",
+            traces=tuple(Trace(signal=f"test.glt.imu.gyro.{k}.statistic", label=f"gyro {k}") for k in (1, 2, 3)),
+        )
+    )
+    found.append(
+        Chart(
+            id="doppler-output",
+            title="Doppler forward velocity: reading and estimate",
+            unit="m/s",
+            group="outputs",
+            traces=(
+                Trace(signal="estimate.doppler.x", label="estimated output", role="protected"),
+                Trace(signal="reading.doppler.x", label="reading", role="local"),
+            ),
+        )
+    )
+    found.append(
+        Chart(
+            id="gps-discrepancy",
+            title="Pseudoranges: reading minus estimated output",
+            unit="m",
+            group="outputs",
+            traces=tuple(Trace(signal=f"discrepancy.gps.{slot}", label=slot) for slot in SLOTS),
+        )
+    )
+    found.append(
+        Chart(
+            id="nees",
+            title="Consistency: NEES of 9 states",
+            unit="1",
+            group="consistency",
+            scale="log",
+            traces=tuple(
+                Trace(signal=f"{e}.nees", label=label, role=ROLES[e])  # type: ignore[arg-type]
+                for e, label in ESTIMATORS.items()
+            ),
+        )
+    )
+    found.append(
+        Chart(
+            id="geometry",
+            title="Satellites in use, and HDOP",
+            unit="1",
+            group="outputs",
+            traces=(
+                Trace(signal="gps.satellites", label="satellites in use"),
+                Trace(signal="gps.hdop", label="HDOP"),
+            ),
+        )
+    )
+    return found

@@ -1,0 +1,65 @@
+"""Names that the parts of the SINS/GPS/Doppler system share, and the order of their columns."""
+
+from __future__ import annotations
+
+from ftcore.world.constellation import almanac
+
+SLOTS = almanac().names
+EPOCH = 1.0
+ESTIMATORS = {
+    "fused": "fault-tolerant",
+    "gps": "SINS/GPS alone",
+    "doppler": "SINS/Doppler alone",
+    "unprotected": "unprotected",
+}
+AXES = ("1x", "1y", "2x", "2y", "3x", "3y")
+CLUSTERS = {"gyro": "gyro", "accelerometer": "accelerometer"}
+AIDS = {"gps": "GPS", "doppler": "Doppler"}
+AID_TESTS = ("residual", "state", "two-propagator", "glr", "cusum")
+IMU_TESTS = ("parity", "glt")
+SUBJECTS = (
+    "gps",
+    "doppler",
+    *(f"imu.{cluster}.{k}" for cluster in CLUSTERS for k in (1, 2, 3)),
+)
+ERRORS = {
+    "position": ("m", ("east", "north", "up")),
+    "velocity": ("m/s", ("east", "north", "up")),
+    "attitude": ("mrad", ("east", "north", "up")),
+}
+TEST_LABELS = {
+    "residual": "residual test",
+    "state": "state chi-square test",
+    "two-propagator": "two-propagator test",
+    "glr": "windowed GLR",
+    "cusum": "CUSUM",
+    "parity": "parity test",
+    "glt": "GLT",
+}
+ROLES = {"fused": "protected", "gps": "local", "doppler": "local", "unprotected": "unprotected"}
+
+
+def aid_tests() -> list[tuple[str, str]]:
+    """(test, subject) of the tests on GPS and Doppler, in column order."""
+    return [(test, subject) for test in AID_TESTS for subject in AIDS]
+
+
+def imu_tests() -> list[tuple[str, str]]:
+    """(test, subject) of the tests on the redundant IMU, in column order."""
+    return [
+        (test, subject)
+        for test in IMU_TESTS
+        for cluster in CLUSTERS
+        for subject in (f"imu.{cluster}", *(f"imu.{cluster}.{k}" for k in (1, 2, 3)))
+    ]
+
+
+TESTS = (*aid_tests(), *imu_tests())
+
+
+def subject_label(subject: str) -> str:
+    """How a person calls a subject of a test."""
+    if subject in AIDS:
+        return f"SINS/{AIDS[subject]}"
+    words = subject.split(".")
+    return words[1] + ("s" if len(words) == 2 else f" {words[2]}")

@@ -121,6 +121,7 @@ def step(state: State, alarms: Mask, admission_ok: Mask, enabled: Mask, rules: R
     alarm = alarms & inside
     good = np.where(out, admission_ok, inside & ~alarm)
     streak = np.where(good, np.where(returning, rules.hold_off - 1, state.streak) + 1, 0)
+    # One that is out leaves its history behind: alarms from before its isolation do not count when it is back.
     history = np.where(inside, (state.history << np.uint64(1) | alarm) & np.uint64(2**rules.window - 1), np.uint64(0))
     count = np.bitwise_count(history)
 
@@ -147,8 +148,7 @@ def step(state: State, alarms: Mask, admission_ok: Mask, enabled: Mask, rules: R
         just_readmitted=readmitted,
         alarms_in_window=count,
     )
-    # A new chapter begins with isolation and with readmission: alarms and good epochs from before it do not count.
-    return State(health, np.where(confirmed, np.uint64(0), history), np.where(readmitted, 0, streak)), decision
+    return State(health, history, streak), decision
 
 
 def _last_standing(inside: Mask, confirmed: Mask, count: NDArray[np.uint8]) -> Mask:

@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
-_FEW_ROWS = 2000
+_FEW_ROWS = 400
 """Below this many matrix rows in a stack, one LAPACK call is quicker than a recursion of NumPy calls (measured)."""
 
 

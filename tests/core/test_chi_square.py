@@ -244,15 +244,17 @@ def test_propagator_test_keeps_its_false_alarm_rate_at_any_age():
 
 
 def test_the_reference_is_the_older_one_and_never_one_just_reset():
+    """First run: reset in every period. Second run: under suspicion in periods 2 and 3, so nothing changes there."""
     n = 2
     pair = start_propagators(np.zeros((2, n)), np.ones((2, 1, 1)) * np.eye(n))
-    for k in range(1, 6):
-        fused = np.full((2, n), float(k))
-        pair = alternate(pair, fused, np.ones((2, 1, 1)) * np.eye(n), where=np.array([True, k > 3]))
-        # First run: reset in every period, so the reference is always the estimate of the period before.
-        np.testing.assert_array_equal(pair.estimate()[0][0], k - 1.0)
-        # Second run: under suspicion until period 3, it keeps its old reference, then takes its turn.
-        np.testing.assert_array_equal(pair.estimate()[0][1], 0.0 if k <= 4 else 4.0)
+    reference = []
+    for k in range(1, 7):
+        trusted = np.array([True, k not in (2, 3)])
+        pair = alternate(pair, np.full((2, n), float(k)), k * np.ones((2, 1, 1)) * np.eye(n), where=trusted)
+        x, P = pair.estimate()
+        np.testing.assert_array_equal(P, np.maximum(x[:, :1, None], 1.0) * np.eye(n))
+        reference.append(x[:, 0].tolist())
+    assert reference == [[0, 0], [1, 0], [2, 0], [3, 1], [4, 4], [5, 5]]
 
 
 def test_a_test_result_is_a_value_and_not_a_pytest_class():

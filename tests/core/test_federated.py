@@ -152,6 +152,20 @@ def test_redistributed_shares_sum_to_one_over_the_used(raw, data):
     np.testing.assert_allclose(r[~used], 1.0 / shares[~used[0]])
 
 
+def test_process_noise_is_shared_among_the_members_as_the_mode_has_it():
+    members = np.array([[True, True, True], [True, False, True]])
+    no_reset = federated.noise_factors(Sharing("no-reset", (0.5, 0.3, 0.2)), members)
+    np.testing.assert_allclose(no_reset, [[2, 10 / 3, 5, 1], [1.4, 10 / 3, 3.5, 1]])
+    reset = federated.noise_factors(Sharing("fusion-reset", (0.5, 0.3, 0.2)), members)
+    np.testing.assert_allclose(
+        np.broadcast_to(reset, (2, 4)), [[2, 10 / 3, 5, 1]] * 2
+    )  # who is out still holds a share
+    np.testing.assert_array_equal(federated.noise_factors(Sharing.equal("zero-reset", 3), members), 1.0)
+    rescale = federated.noise_factors(Sharing("rescale", (0.5, 0.2, 0.2), 0.1), members)
+    np.testing.assert_allclose(rescale, [[2, 5, 5, 10], [1.6, 5, 4, 8]])
+    np.testing.assert_allclose((1 / rescale)[[[0], [1]], [[0, 2, 3], [0, 2, 3]]].sum(axis=1), [0.8, 1.0])
+
+
 # The master
 
 
@@ -326,6 +340,34 @@ def test_readmission_resets_all_who_are_used_and_only_in_its_own_run(mode):
     np.testing.assert_allclose(information * unit, np.linalg.inv(fused.P[0]) * unit, atol=1e-7)
     np.testing.assert_allclose(bank.x[0], np.broadcast_to(fused.x[0], bank.x[0].shape))
     assert not np.allclose(bank.x[1, 1], fused.x[1], rtol=1e-6)
+
+
+def test_no_reset_with_nothing_used_coasts_on_the_masters_prediction():
+    world = a_world(25)
+    readings = [y for _, y in world.simulate(np.random.default_rng(25), 6)]
+    _, before = fly(world, readings[:3], Sharing.equal("no-reset", 3))
+    _, fused = fly(world, readings, Sharing.equal("no-reset", 3), used=lambda k: np.full((1, 3), k < 3))
+    x, P = before.x, before.P
+    for _ in range(3):
+        x, P = kalman.predict(x, P, world.Phi, world.Q)
+    assert_same(world, fused, x, P, 1e-9)
+
+
+def test_a_local_that_is_not_used_gives_nothing_to_the_master_in_rescale():
+    world = a_world(26)
+    y = next(y for _, y in world.simulate(np.random.default_rng(26), 1))
+    sharing = Sharing.equal("rescale", 3)
+    used, members = np.array([[True, False, True]]), np.ones((1, 3), dtype=bool)
+    prior = federated.predict(
+        federated.start(np.zeros((1, world.n)), world.P0, sharing), world.Phi, world.Q, sharing, members
+    )
+    u = kalman.update(*prior.locals, y, world.H[None], world.R[None])
+    fused = federated.master_estimate(prior, u.x, u.P, used, sharing)
+    bank = federated.after_fusion(prior, u.x, u.P, fused, used, sharing)
+    np.testing.assert_allclose(bank.P[:, 1], u.P[:, 1], rtol=1e-12)
+    np.testing.assert_array_equal(bank.x[:, :3], u.x)
+    assert (np.diagonal(bank.P[0, 0]) > np.diagonal(u.P[0, 0])).any()
+    assert_same(world, federated.fuse(bank.x, bank.P, np.array([[True, False, True, True]])), fused.x, fused.P, 1e-9)
 
 
 # Conservatism: the true joint covariance of the local errors stays below the block diagonal the filters believe in

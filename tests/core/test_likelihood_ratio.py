@@ -123,6 +123,12 @@ def test_culprit_onset_and_size_of_a_step_are_named():
     assert error[right].std() == pytest.approx(1.0, abs=0.08)  # five deviations of a standard deviation of 2000
 
 
+def test_an_onset_in_the_first_epoch_is_dated_there():
+    system = Linear(13, n=3, m=3)
+    for k, state in enumerate(system.watch(system.readings(4, 50, step=(2, 80.0)), 10)):
+        assert (glr.glr_test(state, 1e-3, "gps").extra["age"] == k).all()
+
+
 def test_a_jump_of_the_state_is_told_from_a_step_of_a_sensor():
     system, runs = Linear(3, n=3, m=3), 1000
     f = np.array([[1.0], [0.0], [0.0]])

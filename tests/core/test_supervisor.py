@@ -79,6 +79,13 @@ def test_an_isolated_subject_returns_after_an_unbroken_hold_off_and_starts_afres
     assert told[7].members.item()
 
 
+def test_alarms_from_before_the_isolation_do_not_count_after_the_return():
+    rules = Rules(confirm=2, window=20, hold_off=2)
+    told = story([1, 1, 0, 0, 1, 0], rules=rules)
+    assert health(told) == [SUSPECT, ISOLATED, ISOLATED, HEALTHY, SUSPECT, HEALTHY]
+    assert told[4].alarms_in_window.item() == 1
+
+
 def test_switching_off_is_not_isolation_and_switching_on_takes_one_passed_admission():
     rules = Rules(hold_off=5)
     enabled = [1, 0, 0, 1, 1, 0, 1, 1, 1, 1, 1, 1, 1]

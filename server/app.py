@@ -12,6 +12,7 @@ from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
 from server import pages, problems, scene_proxy
+from server.limits import BodyLimit
 from server.openapi import describe
 from server.registry import ExperimentRegistry
 from server.routes import experiments, meta, operator, results, scenarios, stream, systems, time
@@ -53,7 +54,6 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         openapi_url="/api/v1/openapi.json",
-        max_body_size=settings.max_body_bytes,
         separate_input_output_schemas=False,
     )
     app.state.settings, app.state.doorkeeper = settings, doorkeeper
@@ -64,6 +64,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     for router in (api, scene_proxy.router, pages.router):
         app.include_router(router)
     app.add_middleware(GZipMiddleware, minimum_size=1400, compresslevel=4)
+    app.add_middleware(BodyLimit, most=settings.max_body_bytes)
     app.add_middleware(Security, doorkeeper=doorkeeper)
     describe(app, guarded=doorkeeper.guarded)
     return app

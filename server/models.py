@@ -52,7 +52,7 @@ class NewExperiment(Request):
     scenario: Annotated[str | dict[str, Any], _ScenarioOrId()] = Field(
         description="id of a ready scenario, or a scenario document"
     )
-    seed: int | None = Field(default=None, ge=0, lt=2**63, description="instead of the scenario's")
+    seed: int | None = Field(default=None, ge=0, le=2**53 - 1, description="instead of the scenario's")
     title: str | None = Field(default=None, min_length=1, max_length=120, description="the scenario's if absent")
 
 

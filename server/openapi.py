@@ -49,12 +49,13 @@ def _document(app: FastAPI, guarded: bool) -> dict[str, Any]:
         tags=[{"name": name, "description": text} for name, text in TAGS.items()],
         separate_input_output_schemas=False,
     )
-    schemas = document.setdefault("components", {}).setdefault("schemas", {})
-    schema = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-    schemas |= schema.pop("$defs", {})
-    schemas["Problem"] = schema
+    components = document.setdefault("components", {})
+    problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    schemas = components.get("schemas", {}) | problem.pop("$defs", {}) | {"Problem": problem}
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
+    components["schemas"] = _with_whole_bounds(schemas)
+    document["paths"] = _with_whole_bounds(document["paths"])
     for methods in document["paths"].values():
         for operation in methods.values():
             _without_fastapis_error(operation["responses"])
@@ -63,6 +64,16 @@ def _document(app: FastAPI, guarded: bool) -> dict[str, Any]:
         document["security"] = [{"token": []}]
         document["paths"]["/api/v1/health"]["get"]["security"] = []
     return document
+
+
+def _with_whole_bounds(value: Any) -> Any:
+    """FastAPI writes the bounds of integers as floats; large ones would be read as other numbers."""
+    if isinstance(value, dict):
+        value = {name: _with_whole_bounds(inner) for name, inner in value.items()}
+        if value.get("type") == "integer":
+            value |= {name: int(bound) for name, bound in value.items() if isinstance(bound, float)}
+        return value
+    return [_with_whole_bounds(inner) for inner in value] if isinstance(value, list) else value
 
 
 def _without_fastapis_error(responses: dict[str, Any]) -> None:

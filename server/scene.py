@@ -100,7 +100,10 @@ class Scene:
         self._radius = radius
         middle = np.array([0.0, 0.0, 0.2 * (radius - LEAST_RADIUS)])
         position = middle + FROM / np.linalg.norm(FROM) * radius / math.sin(0.5 * FIELD_OF_VIEW)
-        cameras: list[Any] = [self._server.initial_camera, *(client.camera for client in self._server.get_clients().values())]
+        cameras: list[Any] = [
+            self._server.initial_camera,
+            *(client.camera for client in self._server.get_clients().values()),
+        ]
         for camera in cameras:
             camera.fov, camera.position, camera.look_at = FIELD_OF_VIEW, tuple(position), tuple(middle)
 

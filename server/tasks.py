@@ -16,4 +16,4 @@ async def until_one_ends(*ways: Coroutine[Any, Any, None]) -> list[BaseException
     finally:
         for task in tasks:
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.wait(tasks)

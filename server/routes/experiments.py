@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 from fastapi import APIRouter, Response
 
 from server.dependencies import Live, Registry, SceneServers
@@ -21,7 +23,8 @@ router = APIRouter(prefix="/experiments", tags=["experiments"])
 )
 async def create_experiment(body: NewExperiment, registry: Registry, response: Response) -> ExperimentState:
     """A new experiment, paused at t = 0."""
-    experiment = await registry.create(scenario_from(body.scenario), body.seed, body.title)
+    scenario = await asyncio.to_thread(scenario_from, body.scenario)
+    experiment = await registry.create(scenario, body.seed, body.title)
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
     return await experiment.state()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from ftcore import Scenario
@@ -28,7 +28,10 @@ class SeriesQuery(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     signals: str | None = Field(
-        default=None, max_length=100_000, description="names, separated by commas; all if absent"
+        default=None,
+        max_length=16_000,
+        pattern=r"^[\w.,\- ]*$",
+        description="names, separated by commas; all if absent",
     )
     start: Seconds | None = Field(default=None, description="from this time on [s]")
     end: Seconds | None = Field(default=None, description="up to this time [s]")
@@ -61,10 +64,9 @@ class ViewQuery(BaseModel):
         }
     },
 )
-async def get_series(
-    query: Annotated[SeriesQuery, Query()], experiment: Live, accept: Annotated[str, Header()] = "*/*"
-) -> Response:
+async def get_series(query: Annotated[SeriesQuery, Query()], experiment: Live, request: Request) -> Response:
     """Columns as JSON, or everything as CSV or Parquet by ``Accept``. SI units; ``null`` or NaN where there is none."""
+    accept = request.headers.get("accept", "*/*")
     kind = negotiation.choose(accept, (JSON, CSV, PARQUET))
     if kind is None:
         raise Refused(406, f"series can be had as {JSON}, {CSV} or {PARQUET}, not as {accept}")

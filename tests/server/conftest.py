@@ -5,8 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
+import toy
 from fastapi.testclient import TestClient
 from lab import Flight, client_of
+
+from ftcore.systems.registry import SYSTEMS
+
+
+@pytest.fixture(autouse=True)
+def _toy_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For server tests only: other tests see the real systems alone."""
+    monkeypatch.setitem(SYSTEMS, "toy", toy.Toy())
 
 
 @pytest.fixture

@@ -14,14 +14,11 @@ import toy
 import uvicorn
 from fastapi.testclient import TestClient
 
-from ftcore.systems.registry import SYSTEMS
 from server.app import create_app
 from server.settings import Settings
 
 BASE = "http://127.0.0.1:8000"
 API = "/api/v1"
-
-SYSTEMS["toy"] = toy.Toy()  # type: ignore[assignment]
 
 
 def client_of(settings: Settings | None = None, base: str = BASE) -> TestClient:
@@ -58,7 +55,7 @@ class Flight:
 
     @property
     def stream(self) -> str:
-        return f"{self.path}/stream"
+        return f"{BASE.replace('http', 'ws')}{self.path}/stream"
 
 
 class Served:

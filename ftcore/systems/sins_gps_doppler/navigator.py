@@ -238,7 +238,7 @@ class Navigator:
         Phi = D @ ins_error.transition(F, EPOCH)
         Q = (
             D
-            @ ins_error.process_noise(F, ins_error.noise_density(interval.C_nb, densities), EPOCH)
+            @ ins_error.process_noise(F, ins_error.noise_density(interval, densities), EPOCH)
             @ D.swapaxes(-1, -2)
         )
         Q = Q + ins_error.damping_noise(EPOCH, k1, k2, a.altimeter_noise)

@@ -147,8 +147,9 @@ class SystemDescription(Described):
     settings_schema: dict[str, Any] = Field(description="JSON Schema of what can be changed while it flies")
     parameters_schema: dict[str, Any] = Field(description="JSON Schema of what is fixed when it starts")
     score_headline: tuple[str, ...] = Field(
-        default=(), description="signals whose worst absolute value the score strip shows, protected first"
+        default=(), description="signals whose worst absolute value the score strip shows: protected, then unprotected"
     )
+    score_label: str = Field(default="Worst error", description="what the score strip calls it")
 
 
 class BlockView(Described):

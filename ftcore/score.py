@@ -262,10 +262,11 @@ def _headline(
         items += [Headline(label="Isolated after", value=None, unit="s", note="no fault yet")]
     else:
         found = {n: t for n, t in last.time_to_alarm.items() if t is not None}
-        first = min(found, key=lambda n: found[n], default=None)
-        later = "; ".join(f"{n} {t:g} s" for n, t in sorted(found.items(), key=lambda p: p[1])[1:3])
-        note = f"{first} test" + (f"; {later}" if later else "") if first else "not noticed yet"
-        items.append(Headline(label=f"{last.label} found after", value=found.get(first or ""), unit="s", note=note))
+        order = sorted(found, key=lambda n: found[n])
+        later = "".join(f"; {n} {found[n]:g} s" for n in order[1:3])
+        note = f"{order[0]} test{later}" if order else "not noticed yet"
+        first = found[order[0]] if order else None
+        items.append(Headline(label="Fault found after", value=first, unit="s", note=note))
         named = ", ".join(last.isolated) + " named" if last.isolated else "nobody isolated"
         items.append(Headline(label="Isolated after", value=last.time_to_isolate, unit="s", note=named))
     alarms, epochs = sum(t.alarms for t in tests), sum(t.epochs for t in tests)
@@ -279,11 +280,11 @@ def _headline(
         signal = recording.signals[mine]
         items.append(
             Headline(
-                label=f"Worst {signal.label}",
+                label=description.score_label,
                 value=worst[0],
                 unit=signal.unit,
                 note="since the first fault" if faults else "since the filters settled",
-                compare_label=recording.signals[twin].label,
+                compare_label=description.estimators.get(twin.split(".")[0], twin),
                 compare=worst[1],
             )
         )

@@ -181,4 +181,5 @@ def description() -> SystemDescription:
         settings_schema=Settings.model_json_schema(),
         parameters_schema=Parameters.model_json_schema(),
         score_headline=("fused.error.position.up", "unprotected.error.position.up"),
+        score_label="Worst altitude error",
     )

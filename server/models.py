@@ -7,7 +7,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    model_validator,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
@@ -15,7 +23,14 @@ from ftcore import Fault, Scenario
 from ftcore.faults import Kind
 from ftcore.scenario import Seconds
 
+
+def whole(value: Any) -> Any:
+    """JSON knows one kind of number: 7.0 is as whole as 7."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
 Speed = Annotated[float, Field(ge=0.5, le=100.0)] | Literal["max"]
+Whole = Annotated[int, BeforeValidator(whole)]
 State = Literal["paused", "running", "finished", "failed"]
 
 
@@ -52,7 +67,7 @@ class NewExperiment(Request):
     scenario: Annotated[str | dict[str, Any], _ScenarioOrId()] = Field(
         description="id of a ready scenario, or a scenario document"
     )
-    seed: int | None = Field(default=None, ge=0, le=2**53 - 1, description="instead of the scenario's")
+    seed: Whole | None = Field(default=None, ge=0, le=2**53 - 1, description="instead of the scenario's")
     title: str | None = Field(default=None, min_length=1, max_length=120, description="the scenario's if absent")
 
 
@@ -137,7 +152,7 @@ class Advance(Request):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"until": 100.0}, {"epochs": 10}]})
 
-    epochs: int | None = Field(default=None, ge=0, le=10_000_000)
+    epochs: Whole | None = Field(default=None, ge=0, le=10_000_000)
     until: Seconds | None = Field(default=None)
 
     @model_validator(mode="after")

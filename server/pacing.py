@@ -35,7 +35,8 @@ class Pacer:
         if epoch != self._expected:
             self._anchor, self._anchored_at, self._expected = epoch, now, epoch
         due = self._anchor + int((now - self._anchored_at) / self._seconds + 1e-6)
-        if (due - epoch) * self._seconds > SLIP:
+        late = now - self._anchored_at - (epoch + 1 - self._anchor) * self._seconds
+        if late > SLIP:
             due = epoch + max(1, int(SLIP / self._seconds))
             self._anchor, self._anchored_at = due, now
         return due

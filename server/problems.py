@@ -162,10 +162,21 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def from_validation(error: ValidationError, given: Any, form: Any, prefix: Sequence[Any] = ()) -> Refused:
-    """The refusal for a document that pydantic refused: 422 against the schema, 409 against the rules beyond it."""
+def from_validation(
+    error: ValidationError, given: Any, form: Any, prefix: Sequence[Any] = (), free: Sequence[str] = ()
+) -> Refused:
+    """The refusal for a document that pydantic refused: 422 against the schema, 409 against the rules beyond it.
+
+    Args:
+        error: what pydantic said.
+        given: the document.
+        form: what it should be.
+        prefix: where the document stands in the body.
+        free: fields of which the published schema says nothing.
+    """
     errors = error.errors(include_url=False)
-    status = 409 if all(e["type"] == "value_error" for e in errors) else 422
+    beyond = all(e["type"] == "value_error" or (e["loc"] and e["loc"][0] in free) for e in errors)
+    status = 409 if beyond else 422
     found = field_errors(errors, given, form, prefix)
     return Refused(status, _summary(found), found)
 

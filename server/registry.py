@@ -15,6 +15,7 @@ from ftcore import Scenario, Simulation, catalogue
 from ftcore.scenario import Change, Clear, Inject
 from server import problems
 from server.experiments import Experiment, Workers
+from server.models import whole
 from server.problems import Refused, at
 from server.settings import Settings
 
@@ -122,10 +123,11 @@ def scenario_from(given: str | dict[str, Any]) -> Scenario:
             return catalogue.scenario(given)
         except catalogue.CatalogueError as error:
             raise Refused(404, str(error), [at(["scenario"], str(error))]) from None
+    document = given | {"seed": whole(given["seed"])} if "seed" in given else given
     try:
-        return Scenario.model_validate_json(json.dumps(given), strict=True)
+        return Scenario.model_validate_json(json.dumps(document), strict=True)
     except ValidationError as error:
-        raise problems.from_validation(error, given, Scenario, prefix=("scenario",)) from None
+        raise problems.from_validation(error, given, Scenario, ("scenario",), free=("parameters", "settings")) from None
 
 
 def without_faults(scenario: Scenario) -> Scenario:

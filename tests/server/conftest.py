@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 import toy
 from fastapi.testclient import TestClient
-from lab import Flight, client_of
+from lab import API, Flight, client_of
 
 from ftcore.systems.registry import SYSTEMS
 
@@ -18,10 +18,18 @@ def _toy_system(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(SYSTEMS, "toy", toy.Toy())
 
 
-@pytest.fixture
-def client() -> Iterator[TestClient]:
+@pytest.fixture(scope="module")
+def _application() -> Iterator[TestClient]:
     with client_of() as client:
         yield client
+
+
+@pytest.fixture
+def client(_application: TestClient) -> Iterator[TestClient]:
+    """One application for a file's tests; each finds it without experiments."""
+    yield _application
+    for experiment in _application.get(f"{API}/experiments").json():
+        _application.delete(f"{API}/experiments/{experiment['id']}")
 
 
 @pytest.fixture

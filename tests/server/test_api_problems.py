@@ -103,6 +103,7 @@ def test_an_unknown_field_is_answered_with_the_known_ones(flight: Flight) -> Non
             "#/scenario/faults/0/magnitude",
         ),
         ({"commands": [{"action": "switch", "time": 1, "subsystem": "ruler", "on": True}]}, 422, None),
+        ({"parameters": {"fails_att": 3}}, 409, "#/scenario/parameters/fails_att"),
         ({"system": "submarine"}, 409, "#/scenario/system"),
         ({"subsystems": {"sonar": True}}, 409, "#/scenario"),
         ({"seed": 2**63}, 422, "#/scenario/seed"),

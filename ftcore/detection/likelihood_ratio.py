@@ -41,6 +41,8 @@ from ftcore.detection.result import Array, Ints, Mask, TestResult
 from ftcore.estimation.kalman import Update
 
 _TABLE_SIZE = 4096
+BLOCK = 8
+"""Runs whose signatures are worked on together."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +94,29 @@ def step(state: State, update: Update, Phi: Array, H: Array, ids: Ints, valid: M
     """
     if ids is not state.ids and not np.array_equal(ids, state.ids):
         state = _realigned(state, ids)
+    runs = len(update.gain)  # 1 where the covariances are common to all runs: then so are the signatures
+    if runs <= BLOCK:
+        return _step(state, update.whitener, update.whitened, update.gain, Phi, H, ids, valid)
+    arrays = (state.F, state.d, state.C, update.whitener, update.whitened, update.gain, Phi, H, valid)
+    parts = []
+    for start in range(0, runs, BLOCK):
+        F, d, C, *rest, here = (a if a is None or len(a) == 1 else a[start : start + BLOCK] for a in arrays)
+        parts.append(_step(replace(state, F=F, d=d, C=C), *rest, ids, here))
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("F", "d", "C")}
+    return replace(parts[0], **joined)
+
+
+def _step(
+    state: State,
+    whitener: Array,
+    whitened_innovation: Array,
+    gain: Array,
+    Phi: Array,
+    H: Array,
+    ids: Ints,
+    valid: Mask | None,
+) -> State:
+    """`step` for so few runs that their signatures stay in a core's cache."""
     n, W = state.F.shape[1:3]
     m, columns = len(ids), state.F.shape[3]
     place = state.epoch % W
@@ -105,15 +130,15 @@ def step(state: State, update: Update, Phi: Array, H: Array, ids: Ints, valid: M
     G.reshape(-1, m, W, columns)[:, rows, :, rows] += 1.0
     if valid is not None:
         G = np.where(valid[:, :, None], G, 0.0)
-    whitened = update.whitener @ G
-    d = np.vecmat(update.whitened, whitened).reshape(-1, W, columns)
+    whitened = whitener @ G
+    d = np.vecmat(whitened_innovation, whitened).reshape(-1, W, columns)
     C = np.square(whitened).sum(axis=1).reshape(-1, W, columns)
     before = np.arange(W)[:, None] != place
     return State(
         state.epoch + 1,
         ids,
         state.directions,
-        (F + update.gain @ G).reshape(-1, n, W, columns),
+        (F + gain @ G).reshape(-1, n, W, columns),
         state.d * before + d,
         state.C * before + C,
     )

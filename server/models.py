@@ -30,7 +30,8 @@ def whole(value: Any) -> Any:
 
 
 Speed = Annotated[float, Field(ge=0.5, le=100.0)] | Literal["max"]
-Whole = Annotated[int, BeforeValidator(whole)]
+Seed = Annotated[int, Field(ge=0, le=2**53 - 1), BeforeValidator(whole)]
+Epochs = Annotated[int, Field(ge=0, le=10_000_000), BeforeValidator(whole)]
 State = Literal["paused", "running", "finished", "failed"]
 
 
@@ -67,7 +68,7 @@ class NewExperiment(Request):
     scenario: Annotated[str | dict[str, Any], _ScenarioOrId()] = Field(
         description="id of a ready scenario, or a scenario document"
     )
-    seed: Whole | None = Field(default=None, ge=0, le=2**53 - 1, description="instead of the scenario's")
+    seed: Seed | None = Field(default=None, description="instead of the scenario's")
     title: str | None = Field(default=None, min_length=1, max_length=120, description="the scenario's if absent")
 
 
@@ -152,7 +153,7 @@ class Advance(Request):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"until": 100.0}, {"epochs": 10}]})
 
-    epochs: Whole | None = Field(default=None, ge=0, le=10_000_000)
+    epochs: Epochs | None = Field(default=None)
     until: Seconds | None = Field(default=None)
 
     @model_validator(mode="after")

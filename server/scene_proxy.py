@@ -117,6 +117,10 @@ async def _to_browser(upstream: websockets.ClientConnection, socket: WebSocket) 
 
 
 async def _to_viser(socket: WebSocket, upstream: websockets.ClientConnection) -> None:
-    async for message in socket.iter_bytes():
-        if may_pass(message):
-            await upstream.send(message)
+    while True:
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            return
+        said = message.get("bytes")
+        if said is not None and may_pass(said):
+            await upstream.send(said)

@@ -31,7 +31,7 @@ class Settings(BaseModel):
 
     host: str = Field(default="127.0.0.1", min_length=1, description="address to bind")
     port: int = Field(default=8000, ge=0, le=65535, description="port to bind; 0 takes a free one")
-    token: str | None = Field(default=None, min_length=8, max_length=200, description="needed on any other address")
+    token: str | None = Field(default=None, min_length=1, max_length=200, description="needed on any other address")
     allowed_hosts: tuple[str, ...] = Field(
         default=(), description="further names this server is reached by, as in the Host header: name or name:port"
     )

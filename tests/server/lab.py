@@ -6,7 +6,8 @@ import asyncio
 import contextlib
 import socket
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
@@ -24,6 +25,14 @@ API = "/api/v1"
 def client_of(settings: Settings | None = None, base: str = BASE) -> TestClient:
     """The application without a network; to be entered."""
     return TestClient(create_app(settings or Settings()), base_url=base, raise_server_exceptions=False)
+
+
+def wait_until(true: Callable[[], bool], seconds: float = 5.0) -> None:
+    """Until something is so; fails if it is not in time."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end, f"not so within {seconds} s"
+        time.sleep(0.02)
 
 
 class Flight:

@@ -9,7 +9,7 @@ import httpx
 import pytest
 import toy
 from fastapi.testclient import TestClient
-from lab import API, Flight, served
+from lab import API, Flight, served, wait_until
 
 from server.pacing import SLIP, Pacer
 from server.settings import Settings
@@ -34,10 +34,7 @@ def test_a_running_experiment_keeps_its_pace(flight: Flight) -> None:
 def test_the_speed_can_be_changed_in_flight(flight: Flight) -> None:
     flight.do("PATCH", "/clock", {"state": "running", "speed": 0.5})
     assert flight.do("PATCH", "/clock", {"speed": "max"})["clock"]["speed"] == "max"
-    for _ in range(200):
-        if flight.get()["clock"]["state"] == "finished":
-            break
-        time.sleep(0.02)
+    wait_until(lambda: flight.get()["clock"]["state"] == "finished")
     assert flown(flight) == 60.0
 
 
@@ -55,10 +52,7 @@ def test_a_running_experiment_can_be_advanced_rewound_and_broken(flight: Flight)
 def test_a_clock_that_fails_says_why(client: TestClient) -> None:
     flight = Flight(client, toy.scenario(parameters={"fails_at": 3}))
     flight.do("PATCH", "/clock", {"state": "running", "speed": "max"})
-    for _ in range(100):
-        if flight.get()["clock"]["state"] == "failed":
-            break
-        time.sleep(0.02)
+    wait_until(lambda: flight.get()["clock"]["state"] == "failed")
     assert flight.get()["clock"]["reason"].startswith("ArithmeticError")
 
 

@@ -220,7 +220,7 @@ class Reporter:
             broken = everything or any(f"gps.{q}.{slot}" in faulted for q in ("pseudorange", "delta_range"))
             fate: Health = "faulted" if broken else "isolated" if health["gps"] in ("isolated", "off") else "ok"
             items[f"satellite.{slot}"] = ItemView(
-                vector=_vector(2.2 * line) if seen and line is not None else None, health=fate, visible=seen
+                vector=_vector(1.5 * line) if seen and line is not None else None, health=fate, visible=seen
             )
         if truth is not None:
             items["aircraft"] = ItemView(rotation=_quaternion(truth.C_nb[0]))

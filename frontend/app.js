@@ -22,6 +22,7 @@ import { Problem, read } from './api.js';
 import * as session from './session.js';
 import { unpack } from './share.js';
 import { store } from './store.js';
+/** @import {Scenario} from './types' */
 
 const FIRST = 'zhang-1992-visible';
 
@@ -39,33 +40,45 @@ function theme() {
 
 /** Opens what the address carries (a shared run) or names (an experiment), else the first scenario. */
 async function arrive() {
-  const scenarios = await read.scenarios();
-  store.set({ scenarios });
+  const scenarios = read.scenarios().then((list) => {
+    store.set({ scenarios: list });
+    return list;
+  });
   const shared = await unpack(location.hash);
+  const named = new URL(location.href).searchParams.get('experiment');
   if (shared) {
     await session.create(shared.scenario, { until: shared.time });
     look(shared.cursor);
-    return;
+  } else if (!(named && (await found(named)))) {
+    await session.create(FIRST).catch((error) => another(error, scenarios));
+    store.set({ welcome: true });
   }
-  const named = new URL(location.href).searchParams.get('experiment');
-  if (named) {
-    try {
-      await session.open(named);
-      store.set({ welcome: store.get().now === 0 });
-      return;
-    } catch (error) {
-      if (!(error instanceof Problem) || error.status !== 404) throw error;
-      say({ tone: 'warning', text: 'The experiment in this address is no longer on the server; here is a fresh one.' });
-    }
+  await scenarios;
+}
+
+/** @param {string} experiment named in the address */
+async function found(experiment) {
+  try {
+    await session.open(experiment);
+    store.set({ welcome: store.get().now === 0 });
+    return true;
+  } catch (error) {
+    if (!(error instanceof Problem) || error.status !== 404) throw error;
+    say({ tone: 'warning', text: 'The experiment in this address is no longer on the server; here is a fresh one.' });
+    return false;
   }
-  const first = scenarios.find((s) => s.id === FIRST) ?? scenarios[0];
-  if (!first) throw new Error('This server has no scenarios.');
+}
+
+/** A server without the usual first scenario starts with its own first one. @param {unknown} error @param {Promise<Scenario[]>} scenarios */
+async function another(error, scenarios) {
+  const [first] = await scenarios;
+  if (!(error instanceof Problem) || error.status !== 404 || !first) throw error;
   await session.create(first.id);
-  store.set({ welcome: true });
 }
 
 theme();
 void attempt(arrive);
+store.watch((s) => !!s.experiment, (ready) => ready && performance.mark('ready'));
 window.addEventListener('hashchange', () => {
   if (location.hash.startsWith('#run=')) void attempt(arrive);
 });

@@ -29,7 +29,7 @@ export function linearAxis(columns, ends, before) {
   if (high - low < 1e-12 * Math.max(Math.abs(high), 1e-3)) [low, high] = [low - (Math.abs(low) || 1) * 0.1, high + (Math.abs(high) || 1) * 0.1];
   const fits = before && low >= before[0] && high <= before[1] && high - low > 0.45 * (before[1] - before[0]);
   const range = fits ? before : wide(low, high);
-  const step = roundStep((range[1] - range[0]) / 3.2);
+  const step = roundStep((range[1] - range[0]) / 4);
   const values = [];
   for (let i = Math.ceil(range[0] / step - 1e-9); i * step <= range[1] + step * 1e-9; i += 1) values.push(i * step);
   return { range, values, texts: values.map((v) => number(Number(v.toPrecision(6)), 4)), type: 'linear' };

@@ -33,7 +33,7 @@ export function unitText(unit) {
 /** @param {number | null | undefined} value @param {string | null | undefined} unit @param {number} [digits] */
 export function quantity(value, unit, digits = 3) {
   const text = number(value, digits);
-  const symbol = unitText(unit);
+  const symbol = text === '–' ? '' : unitText(unit);
   return symbol ? `${text} ${symbol}` : text;
 }
 

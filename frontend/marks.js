@@ -80,7 +80,7 @@ export function joined(spans, gap) {
 
 /** @param {string} name @param {SystemDescription | null} description */
 export function subjectLabel(name, description) {
-  return description?.subsystems.find((s) => s.name === name)?.label ?? description?.channels.find((c) => c.name === name)?.label ?? name;
+  return description?.subsystems.find((s) => s.name === name)?.label ?? description?.channels.find((c) => c.name === name)?.label ?? words(name);
 }
 
 /** @param {string} name @param {SystemDescription | null} description */

@@ -45,10 +45,11 @@ export function wanted() {
 
 /**
  * Opens an experiment that exists on the server.
- * @param {string} id
+ * @param {string | Experiment} which its id, or itself as the server just answered it
  */
-export async function open(id) {
-  const experiment = await read.experiment(id);
+export async function open(which) {
+  const experiment = typeof which === 'string' ? await read.experiment(which) : which;
+  const { id } = experiment;
   const description = await system(experiment.system);
   close();
   const same = store.get().description?.id === description.id;
@@ -195,7 +196,7 @@ function heardEvent(event) {
   if (event.index > events.length) {
     void reloadEvents();
   } else {
-    store.set({ events: [...events, event] });
+    store.set(({ now }) => ({ events: [...events, event], now: Math.max(now, event.time) }));
   }
   happened.dispatchEvent(new CustomEvent('event', { detail: event }));
   if (performance.now() > scoreDue - SCORE_EVERY + 500) void refreshScore();
@@ -252,8 +253,10 @@ export function show(shown) {
 export async function create(scenario, to = {}) {
   /** @type {Experiment} */
   const experiment = await send(commands.create(scenario));
-  const speed = fitting(experiment.clock.duration);
-  await send(commands.clock(experiment.id, { speed }));
+  const [paced] = await Promise.all([
+    send(commands.clock(experiment.id, { speed: fitting(experiment.clock.duration) })),
+    system(experiment.system),
+  ]);
   if (to.until) {
     store.set({ busy: 'Flying the shared experiment again, to the same bits …' });
     try {
@@ -262,7 +265,7 @@ export async function create(scenario, to = {}) {
       store.set({ busy: null });
     }
   }
-  await open(experiment.id);
+  await open(to.until ? experiment.id : paced);
 }
 
 export const SPEEDS = [0.5, 1, 2, 5, 10, 20, 50, 100];

@@ -22,6 +22,7 @@ export class ChartPanel extends Panel {
     this.description = description;
     this.frame = frame;
     this.host = h('div', { class: 'plot' });
+    this.rail = h('div', { class: 'rail' });
     this.drawing = new Drawing(this.host, chart, description);
   }
 
@@ -38,7 +39,7 @@ export class ChartPanel extends Panel {
         h('button', { class: 'mini', title: 'Numbers behind this chart', 'aria-label': `Table of ${chart.title}`, onclick: () => this.#table() }, 'table'),
         this.#legend,
       ),
-      this.host,
+      h('div', { class: 'frame' }, this.rail, this.host),
     );
     this.#drawLegend();
     this.watch((s) => s.theme, () => this.#drawLegend());

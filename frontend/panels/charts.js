@@ -17,6 +17,8 @@ const FOLLOWED = [5, 10, 30, 60, 300, 600];
 export class ChartsPanel extends Panel {
   /** @type {ChartPanel[]} */
   #charts = [];
+  /** @type {import('../types').Span[]} */
+  #bands = [];
   /** @type {number | null} */
   #dragFrom = null;
 
@@ -86,6 +88,7 @@ export class ChartsPanel extends Panel {
     });
     this.#charts = /** @type {ChartPanel[]} */ ([...(this.stack?.children ?? [])]);
     this.classList.toggle('none', !charts.length && !!description);
+    this.#drawRails();
   }
 
   /** @returns {import('../charts.js').Frame} */
@@ -106,10 +109,10 @@ export class ChartsPanel extends Panel {
   /** @param {boolean} person */
   #rescale(person) {
     const [from, to] = this.range();
-    for (const element of [this.layer, this.ruler]) {
-      element?.style.setProperty('--from', String(from));
-      element?.style.setProperty('--span', String(to - from));
-    }
+    this.scroller?.style.setProperty('--from', String(from));
+    this.scroller?.style.setProperty('--span', String(to - from));
+    this.ruler?.style.setProperty('--from', String(from));
+    this.ruler?.style.setProperty('--span', String(to - from));
     this.#drawTicks(from, to);
     this.#moveNow();
     this.#line(this.cursorLine, store.get().cursor);
@@ -125,7 +128,9 @@ export class ChartsPanel extends Panel {
   }
 
   #moveNow() {
-    this.marks?.style.setProperty('--now', String(store.get().now));
+    const { now } = store.get();
+    this.marks?.style.setProperty('--now', String(now));
+    for (const chart of this.#charts) if (chart.visible) chart.rail.style.setProperty('--now', String(now));
     this.#line(this.nowLine, store.get().now);
   }
 
@@ -134,8 +139,15 @@ export class ChartsPanel extends Panel {
     const { events, description, now } = store.get();
     const [from, to] = this.range();
     const { bands, marks } = drawn(derive(events, description).spans, now, (to - from) / 400);
-    drawMarks(this.marks, bands, marks);
+    drawMarks(this.marks, bands.filter((b) => b.row === 'injected'), marks);
+    this.#bands = bands.filter((b) => b.row !== 'injected');
+    this.#drawRails();
     drawGlyphs(this.glyphs, marks, look);
+  }
+
+  /** When something was alarmed or isolated: a rail along the top of every chart. */
+  #drawRails() {
+    for (const chart of this.#charts) drawMarks(chart.rail, this.#bands, []);
   }
 
   #drawHover() {

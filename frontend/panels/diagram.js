@@ -7,6 +7,7 @@ import { routes } from './wires.js';
 
 const GRID = { width: 100, height: 68 };
 const LEAST_HEIGHT = 236;
+const LINE = 11.5;
 
 /** @typedef {{group: SVGGElement, sign: SVGPathElement, label: SVGTextElement, text: SVGTextElement, block: Block, width: number}} Drawn */
 
@@ -37,7 +38,7 @@ export class Diagram extends Panel {
     const { description } = store.get();
     const width = this.frame?.clientWidth ?? 0;
     if (!this.picture || !description || width < 50) return;
-    const height = Math.max(LEAST_HEIGHT, Math.min(width * 0.68, 320));
+    const height = Math.max(LEAST_HEIGHT, Math.min(width * 0.78, window.innerHeight * 0.36));
     const sx = width / GRID.width;
     const sy = height / GRID.height;
     this.picture.setAttribute('viewBox', `0 0 ${width} ${height}`);
@@ -52,10 +53,11 @@ export class Diagram extends Panel {
 
   /** @param {Block} block @param {{x: number, y: number, width: number, height: number}} box */
   #block(block, box) {
-    const badge = `translate(${box.x + box.width - 6} ${box.y + 5})`;
+    const badge = `translate(${box.x + box.width - 3} ${box.y + 2})`;
     const sign = svg('path', { class: 'sign', transform: badge });
-    const label = svg('text', { class: 'label', x: box.x + 8, y: box.y + 16.5 });
-    const text = svg('text', { class: 'state', x: box.x + 8, y: box.y + 31 });
+    const label = svg('text', { class: 'label', x: box.x + 7, y: box.y + 16 });
+    const lines = Math.max(1, Math.min(3, Math.floor((box.height - 20) / LINE)));
+    const text = svg('text', { class: 'state' }, ...Array.from({ length: lines }, (_, i) => svg('tspan', { x: box.x + 7, y: box.y + 29 + i * LINE })));
     const act = () => this.dispatchEvent(new CustomEvent('block', { bubbles: true, detail: { block, anchor: group } }));
     const group = svg('g', {
       class: `block ${block.kind}`, tabindex: 0, role: 'button', 'aria-haspopup': 'dialog',
@@ -65,10 +67,10 @@ export class Diagram extends Panel {
         event.stopPropagation();
         act();
       },
-    }, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), svg('circle', { class: 'halo', r: 8, transform: badge }), sign, label, text);
-    const size = [11.5, 10.5, 9.5].find((px) => widthOf(block.label, `600 ${px}px`) <= box.width - 17) ?? 9.5;
+    }, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), svg('circle', { class: 'halo', r: 7, transform: badge }), sign, label, text);
+    const size = [11.5, 10.5, 9.5].find((px) => widthOf(block.label, `600 ${px}px`) <= box.width - 12) ?? 9.5;
     label.style.fontSize = `${size}px`;
-    label.textContent = fitted(block.label, box.width - 15, `600 ${size}px`);
+    label.textContent = fitted(block.label, box.width - 11, `600 ${size}px`);
     this.#blocks.set(block.id, { group, sign, label, text, block, width: box.width });
     return group;
   }
@@ -80,7 +82,8 @@ export class Diagram extends Panel {
       const state = seen?.blocks[drawn.block.id] ?? { health: /** @type {Health} */ ('ok'), text: '' };
       drawn.group.setAttribute('class', `block ${drawn.block.kind} ${state.health}`);
       drawn.sign.setAttribute('d', HEALTH[state.health].path);
-      setText(drawn.text, fitted(state.text, drawn.width - 12, '10px'));
+      const lines = wrapped(state.text, drawn.width - 11, drawn.text.children.length);
+      [...drawn.text.children].forEach((line, i) => setText(line, lines[i] ?? ''));
       drawn.group.setAttribute('aria-label', `${drawn.block.label}: ${HEALTH[state.health].word}. ${state.text}`);
     }
     const open = new Set(this.#excluded(seen));
@@ -106,6 +109,17 @@ const fits = new Map();
 function widthOf(text, font) {
   measure.font = `${font} system-ui, "DejaVu Sans", sans-serif`;
   return measure.measureText(text).width;
+}
+
+/** Text over a few lines, the last one cut. @param {string} text @param {number} width @param {number} most */
+function wrapped(text, width, most) {
+  const lines = [''];
+  for (const word of text.split(' ')) {
+    const longer = lines[lines.length - 1] ? `${lines[lines.length - 1]} ${word}` : word;
+    if (lines.length === most || widthOf(longer, '10px') <= width || !lines[lines.length - 1]) lines[lines.length - 1] = longer;
+    else lines.push(word);
+  }
+  return lines.map((line) => fitted(line, width, '10px'));
 }
 
 /** Text cut to a width. @param {string} text @param {number} width @param {string} font */

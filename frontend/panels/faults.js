@@ -26,8 +26,8 @@ export class Faults extends Panel {
 /** @param {Fault} fault */
 function card(fault) {
   return h('li', { class: 'fault' }, h('b', {}),
-    h('span', { class: 'acts' }, curlButton(() => commands.clear(id(), fault.id), 'this clear'), h('button', { class: 'clear', onclick: () => clear(fault.id) }, 'Clear')),
-    h('span', { class: 'dim' }));
+    h('span', { class: 'dim' }),
+    h('span', { class: 'acts' }, curlButton(() => commands.clear(id(), fault.id), 'this clear'), h('button', { class: 'clear', onclick: () => clear(fault.id) }, 'Clear')));
 }
 
 /** @param {HTMLElement} element @param {Fault} fault */
@@ -35,7 +35,7 @@ function tell(element, fault) {
   const { description, events } = store.get();
   const title = faultText(fault, description);
   element.classList.toggle('armed', fault.state === 'armed');
-  const [name, , about] = element.children;
+  const [name, about] = element.children;
   setText(name, title);
   element.querySelector('.clear')?.setAttribute('aria-label', `Clear ${title}`);
   setText(about, fault.state === 'armed' ? `armed for ${clock(fault.start, 1)}` : `since ${clock(fault.start, 1)}${found(fault, events)}`);

@@ -58,7 +58,7 @@ export class Log extends Panel {
       const group = groupOf(event.kind);
       return h('li', {}, h('button', { class: `event ${group} ${isCommand(event.kind) ? 'command' : ''}`, onclick: () => look(event.time) },
         h('span', { class: 'time' }, clock(event.time, decimals)), h('span', { class: 'sign', 'aria-hidden': 'true' }, SIGNS[group]),
-        h('span', { class: 'what' }, sentence(event, description), h('span', { class: 'why' }, reason(event, description)))));
+        h('span', { class: 'what' }, sentence(event, description), ' ', h('span', { class: 'why' }, reason(event, description)))));
     });
     if (this.count) setText(this.count, more ? `${found.length} of ${found.length + more}` : String(found.length || ''));
   }

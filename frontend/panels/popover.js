@@ -70,6 +70,7 @@ export class BlockPopover extends Panel {
     return [
       h('button', { class: 'primary', onclick: () => {
         store.set({ prefill: { sensor } });
+        this.#anchor = null;
         this.hidePopover();
         /** @type {(HTMLElement & {focusForm(): void}) | null} */ (document.querySelector('ft-bench'))?.focusForm();
       } }, 'Inject a fault here …'),

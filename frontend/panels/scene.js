@@ -1,12 +1,17 @@
 /** The 3-D scene: a frame of this origin, with the legend beside it. */
 import { Panel, fill, h } from '../dom.js';
+import { loadPlotly } from '../charts.js';
+import { govern } from '../governor.js';
 import { store } from '../store.js';
 
 const PATIENCE = 15000;
+const SETTLE = 400;
 
 export class Scene extends Panel {
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #timer;
+  /** @type {string | null} */
+  #wanted = null;
   #shown = sessionStorage.getItem('scene') !== 'off';
 
   build() {
@@ -39,6 +44,7 @@ export class Scene extends Panel {
     this.toggle.textContent = this.#shown ? 'hide' : 'show';
     this.classList.toggle('folded', !this.#shown);
     if (!this.#shown || !experiment || connection === 'gone') {
+      this.#wanted = null;
       this.frame.removeAttribute('src');
       this.frame.hidden = true;
       return;
@@ -46,9 +52,16 @@ export class Scene extends Panel {
     if (connection !== 'open') return;
     const address = `/experiments/${encodeURIComponent(experiment.id)}/scene/${theme === 'dark' ? '?darkMode' : ''}`;
     this.status.textContent = 'Loading the scene …';
-    this.frame.src = address;
     clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => this.#unavailable(), PATIENCE);
+    // Charts and controls come first: the scene is the heaviest part of the page.
+    const ready = loadPlotly().catch(() => undefined).then(() => new Promise((done) => setTimeout(done, SETTLE)));
+    this.#wanted = address;
+    void ready.then(() => {
+      if (!this.frame || this.#wanted !== address) return;
+      this.#wanted = null;
+      this.frame.src = address;
+      this.#timer = setTimeout(() => this.#unavailable(), PATIENCE);
+    });
   }
 
   /** The frame has a page; whether it is the scene or a refusal, its own document says. */
@@ -58,6 +71,7 @@ export class Scene extends Panel {
     const scene = page?.querySelector('script, canvas, #root');
     if (!scene) return this.#unavailable();
     clearTimeout(this.#timer);
+    if (this.frame.contentWindow) govern(/** @type {Window & typeof globalThis} */ (this.frame.contentWindow));
     this.frame.hidden = false;
   }
 

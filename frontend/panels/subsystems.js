@@ -32,9 +32,11 @@ function tell(element, subsystem) {
   const how = element.querySelector('.how');
   if (!state || !box || !how) return;
   box.checked = state.enabled;
-  const health = state.enabled ? state.health : 'off';
-  const used = !state.enabled ? '' : state.used ? ', used' : ', not used';
-  const text = `${HEALTH[health].word}${used}`;
+  // Switched on again, a subsystem is back with the next epoch; until then its health is still the old one.
+  const returning = state.enabled && state.health === 'off';
+  const health = !state.enabled ? 'off' : returning ? 'ok' : state.health;
+  const used = !state.enabled ? '' : returning ? ', from the next epoch' : state.used ? ', used' : ', not used';
+  const text = `${returning ? 'on' : HEALTH[health].word}${used}`;
   if (how.textContent !== text) fill(how, healthSign(health), text);
 }
 

@@ -45,7 +45,7 @@ export class TopBar extends Panel {
     this.watch((s) => [s.relatives, s.experiment?.id, s.experiment?.title], () => {
       const { relatives, experiment } = store.get();
       const list = relatives.length || !experiment ? relatives : [experiment];
-      fill(select, ...tree(list).map(({ one, depth }) => h('option', { value: one.id }, `${'  '.repeat(depth)}${depth ? '└ ' : ''}${depth ? one.title : `Main: ${one.title}`}`)),
+      fill(select, ...tree(list).map(({ one, depth }) => h('option', { value: one.id }, `${'  '.repeat(depth)}${depth ? '└ ' : ''}${depth || one.title !== one.scenario.title ? one.title : 'Main run'}`)),
         h('option', { value: 'all' }, 'All experiments …'));
       if (experiment) select.value = experiment.id;
     });

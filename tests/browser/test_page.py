@@ -1,0 +1,177 @@
+"""The page as a person meets it: it opens ready, it says what to try, it works without a mouse and in either theme."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import BrowserContext, expect
+
+from .lab import Lab
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_first_visit_lands_on_a_scenario_ready_to_run(lab: Lab) -> None:
+    welcome = lab.page.locator("ft-welcome")
+    expect(welcome).to_be_visible()
+    expect(welcome.locator(".hint")).not_to_be_empty()
+    assert lab.experiment()["scenario"]["id"] == "zhang-1992-visible"
+    assert lab.now == 0.0
+    welcome.get_by_role("button", name="Run").click()
+    expect(welcome).to_be_hidden()
+    lab.page.wait_for_function("() => Number(document.querySelector('ft-timeline .head').ariaValueNow) > 5")
+    curve = lab.page.locator("ft-charts .chart").first.locator(".scatterlayer .trace path.js-line").last
+    assert len(curve.get_attribute("d") or "") > 20
+    lab.pause()
+
+
+def test_the_hint_can_be_dismissed(lab: Lab) -> None:
+    lab.page.locator("ft-welcome").get_by_role("button", name="Dismiss").click()
+    expect(lab.page.locator("ft-welcome")).to_be_hidden()
+
+
+def test_a_reload_keeps_the_experiment(lab: Lab) -> None:
+    before = lab.id
+    lab.fly_until(20.0)
+    lab.page.reload()
+    expect(lab.page.locator("ft-topbar .time")).to_have_text("0:20.0")
+    assert lab.id == before
+
+
+def test_a_deleted_experiment_is_explained(lab: Lab) -> None:
+    lab.refusals_expected = True
+    lab.rest("DELETE", f"/experiments/{lab.id}")
+    expect(lab.page.locator("ft-notices")).to_contain_text("no longer on the server")
+    lab.page.get_by_role("button", name="Fly its scenario again").click()
+    expect(lab.page.locator("ft-notices")).to_be_empty()
+    assert lab.experiment()["clock"]["time"] == 0.0
+
+
+def test_a_lost_connection_resumes_by_itself(context: BrowserContext, base: str) -> None:
+    links = []
+    page = context.new_page()
+    page.route_web_socket(re.compile("/stream"), lambda link: (links.append(link), link.connect_to_server()))
+    lab = Lab(page, base)
+    lab.open()
+    lab.fly_until(10.0)
+    links[-1].close(code=1012)
+    expect(page.locator("ft-notices")).to_contain_text("Connection lost")
+    lab.rest("POST", f"/experiments/{lab.id}/advance", {"until": 30.0})
+    expect(page.locator("ft-notices")).to_be_empty()
+    expect(page.locator("ft-topbar .time")).to_have_text("0:30.0")
+    rows = page.evaluate("import('/static/session.js').then(m => [...m.recording.time])")
+    assert rows == sorted(rows)
+    assert len(rows) == 30
+
+
+def test_everything_has_a_key(lab: Lab) -> None:
+    page = lab.page
+    lab.without_scene()
+    page.locator("ft-charts .scroller").focus()
+    page.keyboard.press("?")
+    expect(page.get_by_role("dialog", name="Keys")).to_be_visible()
+    page.keyboard.press("Escape")
+    page.keyboard.press("Space")
+    expect(page.locator("ft-topbar .play")).to_have_text("Pause")
+    page.keyboard.press("Space")
+    expect(page.locator("ft-topbar .play")).to_have_text("Run")
+    before = lab.now
+    page.keyboard.press("]")
+    expect(page.locator("ft-timeline .head")).to_have_attribute("aria-valuenow", f"{before + 1.0:.3f}")
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator("ft-timeline .past")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.locator("ft-timeline .past")).to_be_hidden()
+    shown = page.locator("ft-charts .chart").count()
+    page.keyboard.press("1")
+    expect(page.locator("ft-charts .chart")).not_to_have_count(shown)
+    page.keyboard.press("1")
+    expect(page.locator("ft-charts .chart")).to_have_count(shown)
+    page.keyboard.press("t")
+    expect(page.locator("html")).to_have_attribute("data-theme", "light")
+    page.keyboard.press("f")
+    expect(page.locator("ft-bench select[name=channel]")).to_be_focused()
+
+
+def test_every_control_has_a_name(lab: Lab) -> None:
+    lab.fly_until(60.0)
+    nameless = lab.page.evaluate(
+        """() => [...document.querySelectorAll('button, input, select, [role=button], [role=slider], iframe, dialog')]
+        .filter(e => !(e.getAttribute('aria-label') || e.labels?.length || e.textContent.trim() || e.title))
+        .map(e => e.outerHTML.slice(0, 120))"""
+    )
+    assert nameless == []
+
+
+def test_fault_events_are_said_aloud(lab: Lab) -> None:
+    lab.without_scene()
+    lab.fly_until(55.0)
+    expect(lab.page.locator("#announcer")).to_contain_text("isolated")
+    assert lab.page.locator("#announcer").get_attribute("aria-live") == "polite"
+
+
+@pytest.mark.parametrize("size", [(1024, 720), (1280, 720)])
+def test_small_screens_do_not_scroll_sideways(lab: Lab, size: tuple[int, int]) -> None:
+    lab.page.set_viewport_size({"width": size[0], "height": size[1]})
+    lab.fly_until(60.0)
+    lab.look_at_start()
+    wide = lab.page.evaluate(
+        """() => [...document.querySelectorAll('body, ft-topbar, .left, .middle, .right, .bottom > *, ft-charts .scroller')]
+        .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => `${e.className || e.localName} ${e.scrollWidth} > ${e.clientWidth}`)"""
+    )
+    assert wide == []
+    cut = lab.page.evaluate(
+        """() => [...document.querySelectorAll('ft-topbar button, ft-topbar select')]
+        .filter(e => e.checkVisibility()).map(e => [e.textContent, e.getBoundingClientRect()])
+        .filter(([, box]) => box.right > innerWidth + 1 || box.width < 12).map(([text]) => text)"""
+    )
+    assert cut == []
+    expect(lab.page.locator("ft-bench").get_by_role("button", name="Inject", exact=True)).to_be_visible()
+
+
+CONTRAST = """() => {
+  const rgb = (text) => (text.match(/[\\d.]+/g) ?? []).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((v) => v / 255).map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const ground = (e) => { for (let n = e; n; n = n.parentElement) { const c = rgb(getComputedStyle(n).backgroundColor);
+    if (c.length === 3 || c[3] === 1) return c; } return [255, 255, 255]; };
+  const bad = [];
+  for (const e of document.querySelectorAll('h2, h3, label, button:not(:disabled), dt, dd, .dim, .unit, .what, .why, .time, .name, .value, .ticks span, .names span, p')) {
+    if (!e.textContent.trim() || !e.getClientRects().length || e.closest('[aria-pressed=false]')) continue;
+    const [a, b] = [light(rgb(getComputedStyle(e).color)), light(ground(e))].sort((x, y) => y - x);
+    if ((a + 0.05) / (b + 0.05) < 4.5) bad.push(`${e.localName}.${e.className} ${e.textContent.trim().slice(0, 20)} ${((a + 0.05) / (b + 0.05)).toFixed(2)}`);
+  }
+  return bad;
+}"""
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_themes_follow_the_system_and_text_has_contrast(lab: Lab, theme: str) -> None:
+    lab.page.emulate_media(color_scheme=theme)  # type: ignore[arg-type]
+    expect(lab.page.locator("html")).to_have_attribute("data-theme", theme)
+    lab.fly_until(60.0)
+    expect(lab.page.locator("ft-faults .fault").first).to_be_visible()
+    assert lab.page.evaluate(CONTRAST) == []
+
+
+def test_the_page_knows_no_system_by_name() -> None:
+    from ftcore import catalogue
+
+    source = "\n".join(
+        p.read_text("utf-8") for p in (ROOT / "frontend").rglob("*") if p.suffix in (".js", ".html", ".css")
+    )
+    for system in catalogue.systems():
+        assert system.id not in source
+        for name in (*(s.name for s in system.subsystems), *(c.sensor for c in system.channels)):
+            assert not re.search(rf"""['"`]{re.escape(name)}['"`.]""", source), f"the page knows {name!r}"
+
+
+def test_no_file_of_the_page_says_too_much() -> None:
+    long = {
+        p.name: n
+        for p in (ROOT / "frontend").rglob("*.*s")
+        if (n := len(Path(p).read_text("utf-8").splitlines())) > 400
+    }
+    assert long == {}

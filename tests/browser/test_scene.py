@@ -1,0 +1,30 @@
+"""The 3-D scene in its frame: drawn, and without the viewer's own panels."""
+
+from __future__ import annotations
+
+from playwright.sync_api import expect
+
+from .lab import Lab
+
+
+def test_the_scene_is_drawn_and_the_viewers_panel_is_hidden(lab: Lab) -> None:
+    frame = lab.page.frame_locator("ft-scene iframe")
+    expect(frame.locator("canvas").first).to_be_visible(timeout=40_000)
+    for panel in ("[data-floating-window]", "#root .mantine-Paper-root", "#webgl-software-rendering"):
+        for found in frame.locator(panel).all():
+            expect(found).to_be_hidden()
+    expect(lab.page.locator("ft-scene .legend")).to_contain_text("faulted")
+
+
+def test_the_scene_follows_the_theme(lab: Lab) -> None:
+    frame = lab.page.locator("ft-scene iframe")
+    expect(frame).to_have_attribute("src", f"/experiments/{lab.id}/scene/?darkMode")
+    lab.page.locator("ft-topbar").get_by_role("button", name="Theme").click()
+    expect(frame).to_have_attribute("src", f"/experiments/{lab.id}/scene/")
+
+
+def test_a_scene_that_cannot_be_had_is_explained(lab: Lab) -> None:
+    lab.refusals_expected = True
+    lab.page.route("**/scene/**", lambda route: route.fulfill(status=503, content_type="application/json", body="{}"))
+    lab.page.reload()
+    expect(lab.page.locator("ft-scene .status")).to_contain_text("Scene unavailable")

@@ -1,0 +1,77 @@
+"""How quick the page is while an experiment flies at ten times real time."""
+
+from __future__ import annotations
+
+import statistics
+
+from playwright.sync_api import expect
+
+from .lab import Lab
+
+INJECT_AND_WAIT = """() => new Promise((done) => {
+  const marks = document.querySelector('ft-charts .marks');
+  const before = marks.querySelectorAll('.mark.injected').length;
+  const started = performance.now();
+  const watch = new MutationObserver(() => {
+    if (marks.querySelectorAll('.mark.injected').length <= before) return;
+    watch.disconnect();
+    done(performance.now() - started);
+  });
+  watch.observe(marks, { childList: true });
+  document.querySelector('ft-bench button.primary').click();
+})"""
+
+
+def test_a_click_on_inject_is_a_mark_within_300_ms(lab: Lab) -> None:
+    lab.open_long_flight()
+    page = lab.page
+    expect(page.frame_locator("ft-scene iframe").locator("canvas").first).to_be_visible(timeout=40_000)
+    page.wait_for_timeout(2000)
+    page.locator("ft-bench select[name=kind]").select_option("noise")
+    page.locator("ft-bench input[name=magnitude]").fill("1e-9")
+    lab.run()
+    delays = []
+    for _ in range(30):
+        delays.append(page.evaluate(INJECT_AND_WAIT))
+        page.wait_for_timeout(130)
+    p95 = statistics.quantiles(delays, n=20)[-1]
+    print(f"inject to mark: median {statistics.median(delays):.0f} ms, p95 {p95:.0f} ms")
+    assert p95 <= 300.0, delays
+
+
+def test_ten_live_charts_leave_half_of_the_main_thread(lab: Lab) -> None:
+    lab.open_long_flight()
+    page = lab.page
+    shown = page.evaluate(
+        """async () => {
+          const { store } = await import('/static/store.js');
+          const { show } = await import('/static/session.js');
+          show(store.get().description.charts.slice(0, 10).map((chart) => chart.id));
+          return store.get().shown.length;
+        }"""
+    )
+    assert shown == 10
+    expect(page.locator("ft-charts .chart")).to_have_count(10)
+    page.wait_for_timeout(4000)
+    lab.run()
+    session = page.context.new_cdp_session(page)
+    session.send("Performance.enable", {"timeDomain": "threadTicks"})
+
+    def spent() -> tuple[float, float]:
+        metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
+        return metrics["TaskDuration"], page.evaluate("performance.now()") / 1000.0
+
+    page.wait_for_timeout(500)
+    (before, start) = spent()
+    page.wait_for_timeout(5000)
+    (after, end) = spent()
+    share = (after - before) / (end - start)
+    print(f"main thread busy {share:.0%} with ten live charts at 10x")
+    assert lab.experiment()["clock"]["state"] == "running"
+    assert share <= 0.5
+
+
+def test_the_page_is_ready_soon(lab: Lab) -> None:
+    ready = lab.page.evaluate("performance.getEntriesByName('ready')[0]?.startTime")
+    print(f"ready to run after {ready:.0f} ms")
+    assert ready < 3000.0

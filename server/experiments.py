@@ -29,8 +29,8 @@ _log = logging.getLogger("ftlab")
 class Subscriber(Protocol):
     """Someone who watches an experiment. Called on the event loop; must not block."""
 
-    def changed(self) -> None:
-        """There is something new."""
+    def changed(self, at_once: bool) -> None:
+        """There is something new; ``at_once`` if someone did it, rather than time went by."""
 
     def rewound(self, to: float) -> None:
         """Everything after ``to`` is history that never happened."""
@@ -98,7 +98,7 @@ class Experiment:
             CommandError: refused, nothing has changed.
         """
         result = await self.read(do)
-        self._publish()
+        self._publish(at_once=True)
         return result
 
     async def _alone(self, work: Callable[[], Awaitable[T]]) -> T:
@@ -110,8 +110,13 @@ class Experiment:
 
         task = asyncio.ensure_future(locked())
         self._busy.add(task)
-        task.add_done_callback(self._busy.discard)
+        task.add_done_callback(self._done)
         return await asyncio.shield(task)
+
+    def _done(self, task: asyncio.Task[Any]) -> None:
+        self._busy.discard(task)
+        if not task.cancelled():
+            task.exception()  # whoever waited has it; whoever gave up does not want it
 
     async def _turn(self, fly: Callable[[], None]) -> None:
         """One slice of flight, in a worker."""
@@ -138,14 +143,14 @@ class Experiment:
             self._fly_to(self._simulation.last_epoch if due is None else due)
             pacer.flown(self._simulation.epoch)
 
-    def _publish(self) -> None:
+    def _publish(self, at_once: bool = False) -> None:
         self.version += 1
         if self._simulation.finished and self._state in ("paused", "running"):
             self._state = "finished"
         elif not self._simulation.finished and self._state == "finished":
             self._state = "paused"
         for subscriber in self.subscribers:
-            subscriber.changed()
+            subscriber.changed(at_once)
 
     # ---- the clock ------------------------------------------------------------------------------------------------
 
@@ -168,7 +173,7 @@ class Experiment:
         elif state == "paused" and self._state == "running":
             self._state = "paused"
         self._nudge.set()
-        self._publish()
+        self._publish(at_once=True)
 
     def _may_fly(self) -> None:
         if self._state == "failed":
@@ -233,7 +238,7 @@ class Experiment:
         self.rewinds.append(now)
         for subscriber in self.subscribers:
             subscriber.rewound(now)
-        self._publish()
+        self._publish(at_once=True)
 
     # ---- what there is to see -------------------------------------------------------------------------------------
 
@@ -294,14 +299,14 @@ class Experiment:
         await self.read(check)
         self.cursor = time
         for subscriber in self.subscribers:
-            subscriber.changed()
+            subscriber.changed(at_once=True)
 
     async def close(self) -> None:
         """Stop the clock and wait until nobody is at work on the simulation."""
         self.closed = True
         self._nudge.set()
         for subscriber in self.subscribers:
-            subscriber.changed()
+            subscriber.changed(at_once=True)
         if self._flight is not None:
             await self._flight
         await asyncio.gather(*self._busy, return_exceptions=True)

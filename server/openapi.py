@@ -12,10 +12,17 @@ from server.problems import Problem
 DESCRIPTION = """Fly a scenario, break a sensor, see which test notices and what it costs in metres.
 
 Values of signals are SI; each signal's description says in which unit a person is shown it, and the factor between.
+
 Errors are problem details (RFC 9457). 422: the request does not fit these schemas. 409: it fits, but contradicts
 itself or the experiment. Either way nothing has changed.
 
-Live data: WebSocket `/api/v1/experiments/{id}/stream`.
+Live data come over the WebSocket `/api/v1/experiments/{id}/stream`, as JSON. First `hello` (experiment, signals,
+history), then `frames` (time, signals: columns, new since the last), `event`, `state` (the experiment, when more than
+its time has changed), `view` (diagram and scene) and `reset` (time: forget what came later). Send `subscribe`
+(signals) to get frames, and `ack` (time: the last of the frames) for each: with three unacknowledged the stream waits,
+and then sends what was missed thinned to its extremes. `?since=t` goes on after t; with `&history=n` of the last
+`hello` or `reset` it also tells of a rewind missed meanwhile. Close codes: 4404 no such experiment, 4410 deleted, 4400
+a message not understood, 4429 too many streams.
 """
 TAGS = {
     "systems": "what can fly, and how it describes itself",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import gzip
 import hashlib
 import html
@@ -20,6 +21,8 @@ from server.security import COOKIE, Doorkeeper
 
 router = APIRouter(include_in_schema=False)
 _COMPRESSIBLE = ("text/", "application/json", "image/svg+xml", "application/javascript")
+WRONG_TOKEN_DELAY = 0.5
+"""Seconds that a wrong token costs whoever tries."""
 REVALIDATE, FOREVER = "no-cache", "public, max-age=31536000, immutable"
 
 
@@ -131,6 +134,7 @@ async def login(request: Request) -> Response:
     given = parse_qs((await request.body()).decode("utf-8", "replace")).get("token", [""])[0]
     session = doorkeeper.session_for(given)
     if session is None:
+        await asyncio.sleep(WRONG_TOKEN_DELAY)
         return _login_page("That is not the token of this server.", 401)
     response = RedirectResponse("/", status_code=303)
     secure = request.url.scheme == "https"

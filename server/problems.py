@@ -8,7 +8,7 @@ has changed.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from http import HTTPStatus
 from typing import Any
 
@@ -163,7 +163,7 @@ def _shown(value: Any) -> str:
 
 
 def from_validation(
-    error: ValidationError, given: Any, form: Any, prefix: Sequence[Any] = (), free: Sequence[str] = ()
+    error: ValidationError, given: Any, form: Any, prefix: Sequence[Any] = (), free: Container[str] = ()
 ) -> Refused:
     """The refusal for a document that pydantic refused: 422 against the schema, 409 against the rules beyond it.
 

@@ -50,7 +50,7 @@ class LiveScene:
         self.experiment.subscribers.add(self)
         self._task = asyncio.create_task(self._keep_up(), name=f"scene of {self.experiment.id}")
 
-    def changed(self) -> None:
+    def changed(self, at_once: bool) -> None:
         """There is something new."""
         self._news.set()
 

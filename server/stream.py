@@ -8,6 +8,7 @@ one that lags gets fewer and newer frames, and the experiment never waits for an
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from collections import deque
 from typing import Any
@@ -94,7 +95,7 @@ class Viewer:
     ) -> None:
         self.socket = socket
         self.experiment = experiment
-        self._news = asyncio.Event()
+        self._news, self._command = asyncio.Event(), asyncio.Event()
         self._reset: float | None = None
         self._names: list[str] = []
         self._position = since
@@ -106,14 +107,15 @@ class Viewer:
 
     # ---- what the experiment tells --------------------------------------------------------------------------------
 
-    def changed(self) -> None:
+    def changed(self, at_once: bool) -> None:
         """There is something new."""
         self._news.set()
+        if at_once:
+            self._command.set()
 
     def rewound(self, to: float) -> None:
         """Everything after ``to`` never happened."""
         self._reset = to if self._reset is None else min(to, self._reset)
-        self._news.set()
 
     # ---- the two directions ---------------------------------------------------------------------------------------
 
@@ -157,15 +159,24 @@ class Viewer:
     async def _tell(self) -> None:
         await self._greet()
         loop = asyncio.get_running_loop()
+        next_frame = loop.time()
         while True:
             await self._news.wait()
             self._news.clear()
+            self._command.clear()
             if self.experiment.closed:
                 await self.socket.close(GONE, "the experiment was deleted")
                 return
-            started = loop.time()
-            await self._push()
-            await asyncio.sleep(INTERVAL - (loop.time() - started))
+            now = loop.time()
+            if now >= next_frame:
+                next_frame = now + INTERVAL
+                await self._push(frames=True)
+            else:
+                await self._push(frames=False)
+                self._news.set()
+            with contextlib.suppress(TimeoutError):
+                # What someone did is told at once, what time brings when the next frame is due.
+                await asyncio.wait_for(self._command.wait(), max(0.0, next_frame - loop.time()))
 
     async def _greet(self) -> None:
         def look(simulation: Simulation) -> tuple[ExperimentState, float, float | None, int]:
@@ -193,26 +204,26 @@ class Viewer:
     async def _say_reset(self, time: float) -> None:
         await self._send({"type": "reset", "time": time, "history": len(self.experiment.rewinds)})
 
-    async def _push(self) -> None:
-        """Everything that is new and may be sent: reset, events, state, frames, view."""
+    async def _push(self, frames: bool) -> None:
+        """Everything that is new and may be sent: reset, events, state, and frames and view if they are due."""
         reset, self._reset = self._reset, None
         if reset is not None:
             self._position = min(reset, self._position or 0.0)
             self._viewed = -1
             await self._say_reset(reset)
-        wants_frames = bool(self._names) and self._credit.left
-        state, events, frames = await self.experiment.read(lambda s: self._news_of(s, reset, wants_frames))
+        wanted = frames and bool(self._names) and self._credit.left
+        state, events, found = await self.experiment.read(lambda s: self._news_of(s, reset, wanted))
         for event in events:
             await self._send({"type": "event", **event})
-        if frames is not None and len(frames.time):
-            last = float(frames.time[-1])
+        if found is not None and len(found.time):
+            last = float(found.time[-1])
             self._position = last
             self._credit.sent(last)
-            await self._send({"type": "frames", "time": frames.time, "signals": frames.signals})
+            await self._send({"type": "frames", "time": found.time, "signals": found.signals})
         if not _same(state, self._state):
             await self._send({"type": "state", **state.model_dump(mode="json")})
         self._state = state
-        if self._credit.left and self._viewed != self.experiment.version:
+        if frames and self._credit.left and self._viewed != self.experiment.version:
             self._viewed = self.experiment.version
             view = await self.experiment.view()
             await self._send({"type": "view", **view.model_dump(mode="json")})

@@ -32,7 +32,7 @@ async def create_experiment(body: NewExperiment, registry: Registry, response: R
 @router.get("", operation_id="listExperiments", summary="All experiments", responses=documented())
 async def list_experiments(registry: Registry) -> list[ExperimentState]:
     """All live experiments, oldest first."""
-    return [await experiment.state() for experiment in registry.all()]
+    return await asyncio.gather(*(experiment.state() for experiment in registry.all()))
 
 
 @router.get("/{id}", operation_id="getExperiment", summary="One experiment", responses=documented(404))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Path, Response
+from pydantic import ValidationError
 
-from ftcore import CommandError, Fault, Simulation
+from ftcore import Fault, Simulation
 from server.dependencies import Live
 from server.experiments import fault_state
 from server.models import ExperimentState, FaultChange, FaultState, NewFault, SubsystemSwitch
-from server.problems import Refused, documented
+from server.problems import Refused, documented, from_validation
 
 router = APIRouter(prefix="/experiments/{id}", tags=["operator"])
 ERRORS = documented(400, 404, 409, 413, 415, 422)
@@ -94,10 +96,11 @@ async def change_settings(
     """Changes settings of the system while it flies, such as the false-alarm probability or the driving test."""
 
     def configure(simulation: Simulation) -> None:
-        known = simulation.settings
-        for name in body:
-            if name not in known:
-                raise CommandError(name, f"no setting {name!r}; there are {', '.join(known)}")
+        form = simulation.scenario.model.Settings
+        try:
+            form.model_validate_json(json.dumps(simulation.settings | body), strict=True)
+        except ValidationError as error:
+            raise from_validation(error, body, form, free=body) from None
         simulation.configure(**body)
 
     await experiment.command(configure)

@@ -43,6 +43,8 @@ REFUSED: list[tuple[str, str, Any, int, str]] = [
     ("PATCH", "/subsystems/ruler", {"enabled": "yes"}, 422, "/enabled"),
     ("PATCH", "/settings", {"treshold": 3.0}, 409, "/treshold"),
     ("PATCH", "/settings", {"threshold": -3.0}, 409, "/threshold"),
+    ("PATCH", "/settings", {"threshold": "3"}, 409, "/threshold"),
+    ("PATCH", "/settings", {"threshold": None}, 409, "/threshold"),
     ("PUT", "/cursor", {"time": 99.0}, 409, "/time"),
 ]
 

@@ -1,0 +1,39 @@
+"""System B: integrity of a GPS receiver by snapshot, filter and both combined (Chey, Jee and Lee, ICCAS 2004)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ftcore.noise import NoiseSource
+from ftcore.systems.base import Assembly, Plant
+from ftcore.systems.gps_receiver.description import description
+from ftcore.systems.gps_receiver.forms import Parameters, Settings
+from ftcore.systems.gps_receiver.names import EPOCH, SUBJECTS, TESTS
+
+
+class GpsReceiver:
+    """See :class:`ftcore.systems.base.System`."""
+
+    description = description()
+    Parameters = Parameters
+    Settings = Settings
+
+    def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
+        """Put the system together for ``duration`` seconds.
+
+        Raises:
+            LogError: the scenario asks for a log that cannot be used; a ValueError of one sentence.
+        """
+        from ftcore.sensors import rinex
+        from ftcore.systems.gps_receiver.navigator import Navigator
+        from ftcore.systems.gps_receiver.plant import LogPlant, SimulatedPlant
+        from ftcore.systems.gps_receiver.reporter import Reporter
+
+        p: Parameters = parameters
+        plant: Plant
+        if p.log is None:
+            plant, dt = SimulatedPlant(p, noise), EPOCH
+        else:
+            log = rinex.read(p.log.observation, p.log.navigation)
+            plant, dt = LogPlant(log, p.log, len(runs), EPOCH), log.interval
+        return Assembly(plant, Navigator(p, len(runs), dt), Reporter(), TESTS, SUBJECTS)

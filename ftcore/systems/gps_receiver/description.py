@@ -1,0 +1,295 @@
+"""How the GPS receiver describes itself: channels, tests, signals, charts, diagram, scene."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final, Literal
+
+from ftcore.description import (
+    Block,
+    Channel,
+    Chart,
+    SceneItem,
+    Signal,
+    Subsystem,
+    SystemDescription,
+    Test,
+    Trace,
+    Wire,
+)
+from ftcore.faults import ALL_KINDS
+from ftcore.systems.gps_receiver.forms import Parameters, Settings
+from ftcore.systems.gps_receiver.names import EPOCH, ESTIMATORS, PRNS, SATELLITES, SUBJECTS, TESTS
+
+_ROLES: Final[dict[str, Literal["protected", "local", "unprotected"]]] = {
+    "snapshot": "local",
+    "filter": "local",
+    "combined": "protected",
+    "unprotected": "unprotected",
+}
+_TEST_LABELS: Final = {
+    "snapshot": "snapshot test",
+    "innovation": "innovation test",
+    "parity": "parity-space test",
+    "agreement": "agreement of combined filter and snapshot",
+}
+_CODES: Final = "0 consistent, 1 satellites excluded, 2 cannot isolate, 3 cannot detect, 4 no fix"
+_CLASSES: Final = "0 nominal, 1 misleading, 2 hazardously misleading, 3 unavailable"
+
+
+def _channels() -> list[Channel]:
+    found = [
+        Channel(
+            name=f"gps.pseudorange.{name}",
+            label=f"Pseudorange {name}" + (" (log)" if name in PRNS else ""),
+            unit="m",
+            sensor=f"gps.{name}",
+            group="gps.pseudorange",
+            parts=(i,),
+            kinds=ALL_KINDS,
+            typical=100.0,
+        )
+        for i, name in enumerate(SATELLITES)
+    ]
+    everything = Channel(
+        name="gps.pseudorange.all",
+        label="Pseudoranges of all satellites",
+        unit="m",
+        sensor="gps",
+        group="gps.pseudorange",
+        parts=tuple(range(len(SATELLITES))),
+        kinds=ALL_KINDS,
+        typical=100.0,
+    )
+    return [*found, everything]
+
+
+def _tests() -> list[Test]:
+    whole = "satellites minus 4; a satellite: 1, and it alarms where the test of all names it"
+    filtered = "satellites; a satellite: 1, and it alarms where the test of all names it"
+    return [
+        Test(name="snapshot", label="snapshot test", subjects=SUBJECTS, dof=whole, source="003 (9)-(12)"),
+        Test(name="innovation", label="innovation test", subjects=SUBJECTS, dof=filtered, source="003, section 3"),
+        Test(
+            name="parity",
+            label="parity-space test",
+            subjects=("gps",),
+            dof="satellites minus 4",
+            source="Sturza; equal to the snapshot test (Brown 1992)",
+            may_drive=False,
+        ),
+        Test(
+            name="agreement",
+            label="combined filter against snapshot",
+            subjects=("gps",),
+            dof="4: position and clock",
+            source="FTLab: what resets the combined filter",
+            may_drive=False,
+        ),
+    ]
+
+
+def _subject_label(subject: str) -> str:
+    return "all satellites" if subject == "gps" else subject.removeprefix("gps.")
+
+
+def _signals() -> list[Signal]:
+    found = []
+
+    def add(name: str, label: str, unit: str, group: str) -> None:
+        found.append(Signal(name=name, label=label, unit=unit, group=group))
+
+    for estimator, label in ESTIMATORS.items():
+        for part in ("east", "north", "up", "horizontal"):
+            add(f"{estimator}.error.position.{part}", f"{label}: {part} position error", "m", "error")
+        for part in ("east", "north", "up"):
+            add(f"{estimator}.sigma.position.{part}", f"{label}: position {part} 1-sigma", "m", "sigma")
+        add(f"{estimator}.status", f"{label}: {_CODES}", "1", "integrity")
+        add(f"{estimator}.satellites", f"{label}: satellites used", "1", "geometry")
+        add(f"{estimator}.protection", f"{label}: horizontal protection level of its satellites", "m", "integrity")
+        add(f"{estimator}.stanford", f"{label}: {_CLASSES}", "1", "integrity")
+    for test, subject in TESTS:
+        for part in ("statistic", "threshold", "dof", "alarm"):
+            label = f"{_TEST_LABELS[test]}, {_subject_label(subject)}: {part}"
+            add(f"test.{test}.{subject}.{part}", label, "1", "test")
+    add("protection.horizontal", "horizontal protection level", "m", "integrity")
+    add("protection.slope", "horizontal protection level, slope", "m", "integrity")
+    add("protection.separation", "horizontal protection level, solution separation", "m", "integrity")
+    add("protection.alert", "alert limit", "m", "integrity")
+    add("gps.hdop", "HDOP", "1", "geometry")
+    add("gps.dof", "degrees of freedom of the snapshot", "1", "geometry")
+    add("gps.satellites", "satellites in view", "1", "geometry")
+    add("gps.time", "receiver time, seconds of the GPS week", "s", "geometry")
+    for stem, words, unit, group in (
+        ("used.gps.{}", "{} used by the combined solution", "1", "decision"),
+        ("residual.snapshot.{}", "{}: snapshot residual against all others, in sigmas", "1", "residual"),
+        ("residual.innovation.{}", "{}: innovation against all others, in sigmas", "1", "residual"),
+        ("detectable.{}", "{}: minimal detectable bias", "m", "integrity"),
+        ("elevation.{}", "{}: elevation", "deg", "sky"),
+        ("azimuth.{}", "{}: azimuth", "deg", "sky"),
+    ):
+        for name in SATELLITES:
+            add(stem.format(name), words.format(name), unit, group)
+    return found
+
+
+def _error_chart(part: str, title: str, shown: bool = False) -> Chart:
+    traces = [
+        Trace(
+            signal=f"{estimator}.error.position.{part}",
+            label=label,
+            role=_ROLES[estimator],
+            sigma=f"combined.sigma.position.{part}" if estimator == "combined" and part != "horizontal" else None,
+        )
+        for estimator, label in ESTIMATORS.items()
+    ]
+    if part == "horizontal":
+        traces.append(Trace(signal="protection.horizontal", label="protection level", role="threshold"))
+        traces.append(Trace(signal="protection.alert", label="alert limit", role="threshold"))
+    return Chart(id=f"position-{part}", title=title, unit="m", group="errors", traces=tuple(traces), shown=shown)
+
+
+def _test_chart(test: str, shown: bool = False) -> Chart:
+    stem = f"test.{test}.gps"
+    label = _TEST_LABELS[test]
+    return Chart(
+        id=test,
+        title=f"{label[0].upper()}{label[1:]}",
+        unit="1",
+        group="tests",
+        scale="log",
+        traces=(
+            Trace(signal=f"{stem}.statistic", label="statistic", role="statistic"),
+            Trace(signal=f"{stem}.threshold", label="threshold", role="threshold"),
+        ),
+        shown=shown,
+    )
+
+
+def _satellite_chart(id: str, title: str, unit: str, group: str, stem: str, shown: bool = False) -> Chart:
+    traces = tuple(Trace(signal=stem.format(name), label=name) for name in SATELLITES)
+    return Chart(id=id, title=title, unit=unit, group=group, traces=traces, shown=shown)
+
+
+def _charts() -> list[Chart]:
+    levels = (
+        Trace(signal="combined.error.position.horizontal", label="error, combined", role="protected"),
+        Trace(signal="protection.slope", label="slope", role="component"),
+        Trace(signal="protection.separation", label="solution separation", role="component"),
+        Trace(signal="protection.alert", label="alert limit", role="threshold"),
+    )
+
+    def each(id: str, title: str, part: str, group: str) -> Chart:
+        traces = tuple(Trace(signal=f"{e}.{part}", label=label, role=_ROLES[e]) for e, label in ESTIMATORS.items())
+        return Chart(id=id, title=title, unit="1", group=group, traces=traces)
+
+    geometry = (
+        Trace(signal="gps.satellites", label="in view"),
+        Trace(signal="combined.satellites", label="used"),
+        Trace(signal="gps.dof", label="degrees of freedom"),
+        Trace(signal="gps.hdop", label="HDOP"),
+    )
+    return [
+        _error_chart("horizontal", "Horizontal error and protection level", shown=True),
+        _test_chart("snapshot", shown=True),
+        _test_chart("innovation", shown=True),
+        _satellite_chart(
+            "residuals", "Residual of each satellite, in sigmas", "1", "residuals", "residual.snapshot.{}", shown=True
+        ),
+        _satellite_chart(
+            "innovations", "Innovation of each satellite, in sigmas", "1", "residuals", "residual.innovation.{}"
+        ),
+        Chart(id="protection", title="Protection levels", unit="m", group="integrity", traces=levels),
+        each("stanford", "Stanford class (nominal 0, MI 1, HMI 2, unavailable 3)", "stanford", "integrity"),
+        each("status", "Status (ok 0, excluded 1, cannot isolate 2, cannot detect 3)", "status", "integrity"),
+        _satellite_chart("detectable", "Minimal detectable bias", "m", "integrity", "detectable.{}"),
+        _error_chart("east", "East position error"),
+        _error_chart("north", "North position error"),
+        _error_chart("up", "Height error"),
+        _test_chart("parity"),
+        _test_chart("agreement"),
+        Chart(id="geometry", title="Satellites and geometry", unit="1", group="geometry", traces=geometry),
+        _satellite_chart("elevation", "Elevation", "deg", "geometry", "elevation.{}"),
+    ]
+
+
+def _blocks() -> list[Block]:
+    tests = ("false_alarm_probability", "wrong_isolation_probability")
+    levels = ("alert_limit", "protection", "missed_detection_probability")
+    return [
+        Block(
+            id="satellites", label="Satellites", kind="sensor", x=1, y=27, width=19, height=13, sensor="gps",
+            subsystem="gps",
+        ),
+        Block(id="snapshot-test", label="Snapshot test", kind="test", x=26, y=3, width=22, height=12, settings=tests),
+        Block(id="snapshot", label="Snapshot", kind="computer", x=78, y=3, width=21, height=12),
+        Block(
+            id="innovation-test", label="Innovation test", kind="test", x=26, y=27, width=22, height=13, settings=tests
+        ),
+        Block(
+            id="combination", label="Combination", kind="supervisor", x=53, y=20, width=20, height=14,
+            settings=("combination", "confirm", "within", "hold_off"),
+        ),
+        Block(
+            id="combined", label="Combined", kind="master", x=78, y=20, width=21, height=12, settings=("reset_after",)
+        ),
+        Block(id="filter", label="Filter", kind="filter", x=53, y=38, width=20, height=11),
+        Block(id="protection", label="Protection", kind="test", x=78, y=36, width=21, height=13, settings=levels),
+        Block(id="unprotected", label="Unprotected", kind="filter", x=53, y=54, width=20, height=11),
+    ]  # fmt: skip
+
+
+def _wires() -> list[Wire]:
+    pairs = [
+        ("satellites", "snapshot-test"),
+        ("snapshot-test", "snapshot"),
+        ("snapshot-test", "combination"),
+        ("satellites", "innovation-test"),
+        ("innovation-test", "combination"),
+        ("innovation-test", "filter"),
+        ("combination", "combined"),
+        ("combined", "protection"),
+        ("satellites", "unprotected"),
+    ]
+    return [Wire(source=a, target=b) for a, b in pairs]
+
+
+def _scene() -> list[SceneItem]:
+    return [
+        SceneItem(
+            id=f"satellite.{name}",
+            label=name,
+            kind="line-of-sight",
+            frame="level",
+            family="satellites",
+            channel=f"gps.pseudorange.{name}",
+        )
+        for name in SATELLITES
+    ]
+
+
+@lru_cache(maxsize=1)
+def description() -> SystemDescription:
+    """The whole description."""
+    return SystemDescription(
+        id="gps-receiver",
+        title="GPS receiver with integrity",
+        summary=(
+            "A standing GPS receiver, simulated or from a real log, whose faulty satellites are found by a snapshot "
+            "test, by a filter, and by both combined, with the error that could hide."
+        ),
+        source="J. Chey, G.-I. Jee and J.G. Lee, Combining approach in FDI for GPS applications, ICCAS 2004",
+        epoch=EPOCH,
+        channels=tuple(_channels()),
+        subsystems=(Subsystem(name="gps", label="GPS"),),
+        estimators=ESTIMATORS,
+        tests=tuple(_tests()),
+        signals=tuple(_signals()),
+        charts=tuple(_charts()),
+        blocks=tuple(_blocks()),
+        wires=tuple(_wires()),
+        scene=tuple(_scene()),
+        settings_schema=Settings.model_json_schema(),
+        parameters_schema=Parameters.model_json_schema(),
+        score_headline=("combined.error.position.horizontal", "unprotected.error.position.horizontal"),
+    )

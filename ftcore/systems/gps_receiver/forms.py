@@ -1,0 +1,145 @@
+"""What can be chosen for the GPS receiver: parameters at the start, settings in flight.
+
+``source`` in a field's schema says whether 003 gives the number ("paper") or FTLab chose it where 003 is silent.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field, model_validator
+
+from ftcore.systems.base import Form
+
+
+def quantity(
+    default: float, unit: str, description: str, low: float, high: float, source: str = "FTLab default"
+) -> Any:
+    """A number with unit, bounds and source."""
+    extra: dict[str, Any] = {"unit": unit, "source": source}
+    return Field(default=default, ge=low, le=high, description=description, json_schema_extra=extra)
+
+
+class Receiver(Form):
+    """Where the simulated receiver stands, and when."""
+
+    latitude: float = quantity(37.5665, "deg", "latitude; Seoul", -85.0, 85.0, "paper")
+    longitude: float = quantity(126.978, "deg", "longitude; Seoul", -180.0, 180.0, "paper")
+    height: float = quantity(50.0, "m", "height above the ellipsoid", -400.0, 9000.0)
+    constellation_time: float = quantity(
+        1800.0, "s", "start after the almanac epoch; at 1800 s Seoul sees 8 satellites", 0.0, 1e6
+    )
+    pseudorange: float = quantity(10.0, "m", "pseudorange noise, 1-sigma, all satellites", 0.01, 1000.0, "paper")
+    clock_phase: float = quantity(1000.0, "m", "clock phase at the start, 1-sigma", 0.0, 1e6)
+    clock_frequency: float = quantity(10.0, "m/s", "clock frequency at the start, 1-sigma", 0.0, 1e4)
+
+
+class Log(Form):
+    """A real receiver's log in place of the simulated one: RINEX 2 or 3, GPS, L1 code."""
+
+    observation: str = Field(min_length=1, max_length=400, description="observation file")
+    navigation: str = Field(min_length=1, max_length=400, description="navigation file of the same day")
+    antenna: tuple[float, float, float] | None = Field(
+        default=None,
+        description="true antenna position, Earth-fixed; the observation file's approximate position if absent",
+        json_schema_extra={"unit": "m"},
+    )
+    floor: float = quantity(1.0, "m", "pseudorange 1-sigma at every elevation", 0.01, 100.0)
+    slant: float = quantity(
+        0.5, "m", "pseudorange 1-sigma at the zenith that grows with 1 / sin(elevation)", 0.0, 100.0
+    )
+
+
+class Filter(Form):
+    """The 8-state position-velocity-clock filter."""
+
+    position_noise: float = quantity(1.0, "m^2/s^3", "random-walk velocity S_p", 0.0, 1e4, "paper")
+    clock_phase_noise: float = quantity(0.036, "m^2/s", "clock white frequency noise S_f", 0.0, 100.0, "paper")
+    clock_frequency_noise: float = quantity(0.141, "m^2/s^3", "clock random-walk frequency S_g", 0.0, 100.0, "paper")
+    velocity: float = quantity(1.0, "m/s", "velocity at the start, 1-sigma, each axis", 0.001, 1000.0)
+    clock_frequency: float = quantity(300.0, "m/s", "clock frequency at the start, 1-sigma; 1 ppm", 0.001, 1e4)
+
+
+class Parameters(Form):
+    """Fixed when the experiment starts."""
+
+    mask: float = quantity(5.0, "deg", "elevation mask", 0.0, 60.0, "paper")
+    receiver: Receiver = Receiver()
+    filter: Filter = Filter()
+    log: Log | None = Field(default=None, description="a receiver's log; the simulated receiver if absent")
+
+
+class Settings(Form):
+    """Can be changed in flight; a change takes effect with the next epoch."""
+
+    combination: Literal["sequential", "or", "and"] = Field(
+        default="sequential",
+        title="Combination",
+        description="sequential: snapshot first, innovation test on the survivors; or, and: both on all satellites",
+    )
+    false_alarm_probability: float = Field(
+        default=1e-3,
+        ge=1e-9,
+        le=0.2,
+        title="False alarm",
+        description="per test and epoch",
+        json_schema_extra={"unit": "1", "source": "paper"},
+    )
+    missed_detection_probability: float = Field(
+        default=1e-3,
+        ge=1e-9,
+        le=0.5,
+        title="Missed detection",
+        description="what minimal detectable biases and protection levels allow for",
+        json_schema_extra={"unit": "1"},
+    )
+    wrong_isolation_probability: float = Field(
+        default=1e-3,
+        ge=1e-12,
+        le=1.0,
+        title="Wrong isolation",
+        description="how sure the culprit must be against every other satellite; 1 takes the least residual",
+        json_schema_extra={"unit": "1"},
+    )
+    alert_limit: float = Field(
+        default=100.0,
+        gt=0.0,
+        le=1e5,
+        title="Alert limit",
+        description="a larger protection level makes the position unavailable",
+        json_schema_extra={"unit": "m"},
+    )
+    protection: Literal["slope", "separation"] = Field(
+        default="slope", title="Protection level", description="how the protection level is found"
+    )
+    confirm: int = Field(default=2, ge=1, le=20, title="Confirm, m", description="alarms that confirm a fault ...")
+    within: int = Field(default=3, ge=1, le=20, title="of n epochs", description="... within so many epochs")
+    hold_off: int = Field(
+        default=3,
+        ge=1,
+        le=600,
+        title="Hold-off",
+        description="epochs in a row that an excluded satellite must agree with the others before it comes back",
+    )
+    reset_after: int = Field(
+        default=2,
+        ge=1,
+        le=600,
+        title="Reset after",
+        description="epochs in a row of disagreement after which the combined filter restarts from its snapshot",
+    )
+    patience: int = Field(
+        default=10,
+        ge=1,
+        le=600,
+        title="Patience",
+        description="epochs in a row that a filter takes nothing, as no culprit is found, before it restarts from all",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Settings:
+        if self.confirm > self.within:
+            raise ValueError(
+                f"confirm {self.confirm} of {self.within} cannot be; confirm may be at most the number of epochs"
+            )
+        return self

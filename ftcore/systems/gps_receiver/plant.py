@@ -1,0 +1,132 @@
+"""World and sensors of the GPS receiver: the only part that knows truth. Simulated, or a real receiver's log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore import earth
+from ftcore.noise import NoiseSource
+from ftcore.readings import Group, Readings
+from ftcore.sensors import rinex
+from ftcore.sensors.gnss import Clock
+from ftcore.systems.gps_receiver.forms import Log, Parameters
+from ftcore.systems.gps_receiver.names import EPOCH, PRNS, SATELLITES, SLOTS
+from ftcore.systems.gps_receiver.reporter import Truth
+from ftcore.world import constellation
+
+Array = NDArray[np.float64]
+
+_SLOT_COLUMNS = slice(0, len(SLOTS))
+_PRN_COLUMNS = slice(len(SLOTS), len(SATELLITES))
+
+
+@dataclass(frozen=True)
+class PlantState:
+    """What the plant carries from epoch to epoch."""
+
+    clock: Clock
+
+
+class SimulatedPlant:
+    """See :class:`ftcore.systems.base.Plant`. A receiver that stands still under the nominal constellation."""
+
+    def __init__(self, p: Parameters, noise: NoiseSource) -> None:
+        self._p = p
+        self._noise = noise
+        r = p.receiver
+        self._lla = np.array([math.radians(r.latitude), math.radians(r.longitude), r.height])
+        self._truth = standing(earth.geodetic_to_ecef(self._lla))
+
+    def initial(self) -> PlantState:
+        """Before the first epoch."""
+        r, draw = self._p.receiver, self._noise.normal
+        phase = r.clock_phase * draw("gps.clock.phase", 0)
+        return PlantState(Clock(phase, r.clock_frequency * draw("gps.clock.frequency", 0)))
+
+    def step(self, state: PlantState, epoch: int, command: object) -> tuple[PlantState, Truth, Readings]:
+        """One epoch: what the receiver measures."""
+        p, now = self._p, epoch * EPOCH
+        clock = state.clock.step(EPOCH, p.filter.clock_phase_noise, p.filter.clock_frequency_noise, self._noise, epoch)
+        position, _ = constellation.satellite_states(p.receiver.constellation_time + now)
+        sight = constellation.line_of_sight(self._lla, position)
+        # The Earth turns while the signal travels; the receiver reckons with it.
+        x, y, _ = self._truth.position_e[0]
+        turn = (position[:, 0] * y - position[:, 1] * x) * (earth.RATE / earth.SPEED_OF_LIGHT)
+        white = self._noise.normal("gps.pseudorange", epoch, (len(SLOTS),))
+        values = np.zeros((len(clock.phase), len(SATELLITES)))
+        values[:, _SLOT_COLUMNS] = sight.range + turn + clock.phase[:, None] + p.receiver.pseudorange * white
+        valid = np.zeros((1, len(SATELLITES)), bool)
+        valid[0, _SLOT_COLUMNS] = sight.visible(p.mask)
+        satellites = np.zeros((len(SATELLITES), 3))
+        satellites[_SLOT_COLUMNS] = position
+        aiding = {"satellites": satellites, "clock": np.zeros(len(SATELLITES)), "time": np.asarray(now)}
+        groups = {"gps.pseudorange": Group(values, valid, np.asarray(now))}
+        return PlantState(clock), self._truth, Readings(now, groups, aiding)
+
+
+class LogPlant:
+    """See :class:`ftcore.systems.base.Plant`. Plays a receiver's log, one of its epochs an epoch.
+
+    The pseudoranges are the receiver's; all runs see the same, and only what the operator lays over them differs. After
+    the log's end there are no readings.
+    """
+
+    def __init__(self, log: rinex.ObservationLog, p: Log, runs: int, period: float) -> None:
+        self._log = log
+        self._runs = runs
+        self._period = period
+        self._truth = standing(reference(log, p))
+
+    def initial(self) -> PlantState:
+        """Before the first epoch."""
+        return PlantState(Clock(np.zeros(1), np.zeros(1)))
+
+    def step(self, state: PlantState, epoch: int, command: object) -> tuple[PlantState, Truth, Readings]:
+        """One epoch of the log."""
+        log, now, row = self._log, epoch * self._period, epoch - 1
+        values = np.zeros((1, len(SATELLITES)))
+        valid = np.zeros((1, len(SATELLITES)), bool)
+        satellites = np.zeros((len(SATELLITES), 3))
+        clock = np.zeros(len(SATELLITES))
+        time = log.week_seconds[-1] + log.interval * (epoch - len(log))
+        if row < len(log):
+            time = log.week_seconds[row]
+            values[0, _PRN_COLUMNS] = np.nan_to_num(log.pseudorange[row])
+            valid[0, _PRN_COLUMNS] = np.isfinite(log.pseudorange[row])
+            satellites[_PRN_COLUMNS] = np.nan_to_num(log.satellites[row])
+            clock[_PRN_COLUMNS] = np.nan_to_num(log.clock[row])
+        aiding = {"satellites": satellites, "clock": clock, "time": np.asarray(time)}
+        if log.ionosphere is not None:
+            aiding["ionosphere"] = log.ionosphere
+        values = np.repeat(values, self._runs, axis=0)
+        groups = {"gps.pseudorange": Group(values, valid, np.asarray(now))}
+        return state, self._truth, Readings(now, groups, aiding)
+
+
+def standing(position_e: Array) -> Truth:
+    """Truth of a receiver that stands at ``position_e (3,)``."""
+    lla = earth.ecef_to_geodetic(position_e)
+    return Truth(position_e[None], earth.enu_to_ecef_matrix(lla[:1], lla[1:2]))
+
+
+def reference(log: rinex.ObservationLog, p: Log) -> Array:
+    """Where the antenna is taken to stand (3,): as given, or as the file's header has it, which is good to metres.
+
+    Raises:
+        LogError: neither is known, or what is given is not on the Earth.
+    """
+    if p.antenna is None:
+        if log.approximate is None:
+            raise rinex.LogError("the observation file gives no approximate position; give the antenna's position")
+        return log.approximate
+    position = np.array(p.antenna)
+    if not 6.3e6 < float(np.linalg.norm(position)) < 6.5e6:
+        raise rinex.LogError("the antenna's position is not near the Earth's surface; Earth-fixed metres are wanted")
+    return position
+
+
+assert len(PRNS) == rinex.PRNS

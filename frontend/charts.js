@@ -1,7 +1,7 @@
 /**
  * One chart drawn by plotly.js, and the queue that draws them: one dirty, visible chart per animation frame, and never
  * more than a share of the time, so that the page stays quick however many charts are live.
- * @import {Chart, SystemDescription} from './types'
+ * @import {Chart, SystemDescription, Trace} from './types'
  */
 import { ghostRecording } from './ghost.js';
 import { extremes, searchAfter, strided } from './recording.js';
@@ -73,13 +73,13 @@ export class Drawing {
       data.push({ ...band, y: lower }, { ...band, y: upper, fill: 'tonexty', fillcolor: tint(style(this.chart, trace).color, 0.13) });
       if (upper.length) ends.push(upper[upper.length - 1]);
     }
-    for (const trace of frame.ghost ? traces : []) {
+    for (const trace of frame.ghost ? haunted(traces) : []) {
       const column = ghostRecording.column(trace.signal);
       if (!column?.length) continue;
       const rows = this.#rows(ghostRecording.time, column, frame.range, points);
       const look = style(this.chart, trace);
       const y = pick(column, rows, 1 / this.#scale(trace.signal));
-      data.push(line(pick(ghostRecording.time, rows, 1), y, { ...look, width: 3, dash: 'solid', opacity: 0.3 }));
+      data.push(line(pick(ghostRecording.time, rows, 1), y, { ...look, width: 4, dash: 'solid', opacity: 0.35 }));
       extents.push(y);
     }
     for (const trace of [...traces].reverse()) {
@@ -129,6 +129,12 @@ export class Drawing {
   erase() {
     window.Plotly?.purge(this.host);
   }
+}
+
+/** Traces that have a ghost: the protected ones where there are some, else all but thresholds. @param {Trace[]} traces */
+export function haunted(traces) {
+  const guarded = traces.filter((t) => t.role === 'protected');
+  return guarded.length ? guarded : traces.filter((t) => t.role !== 'threshold' && t.role !== 'weight');
 }
 
 /** @param {Float64Array} x @param {Float64Array} y @param {import('./traces.js').Style} look */

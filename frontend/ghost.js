@@ -37,8 +37,19 @@ export function dismiss() {
   ghostRecording.reset([]);
   store.set({ ghost: null });
   recorded.dispatchEvent(new CustomEvent('change'));
-  if (ghost) send(commands.remove(ghost.id)).catch(() => undefined);
+  if (ghost) remove(ghost.id);
 }
+
+/** The server keeps few experiments; a ghost goes with its page. @param {string} id */
+function remove(id) {
+  const [method, path] = commands.remove(id);
+  fetch(`/api/v1${path}`, { method, keepalive: true }).catch(() => undefined);
+}
+
+window.addEventListener('pagehide', () => {
+  const { ghost } = store.get();
+  if (ghost) remove(ghost.id);
+});
 
 /** Flies the ghost up to the live run and reads what is new, again and again. */
 async function follow() {

@@ -11,6 +11,8 @@ const BEAT = 95;
 const ENOUGH = 9;
 /** Share of the main thread that beats may take; the browser's layout and paint come on top. */
 const SHARE = 0.24;
+/** Longest rest after a beat [ms]: on a busy machine the page gets slower, never stale. */
+const LONGEST_REST = 400;
 
 /** @type {Set<Paintable>} */
 const dirty = new Set();
@@ -57,7 +59,7 @@ function beat() {
     if (urgent || performance.now() - started > ENOUGH) break;
   }
   const took = performance.now() - started;
-  next = Math.max(started + BEAT, started + took / SHARE);
+  next = Math.max(started + BEAT, started + took + Math.min(LONGEST_REST, took * (1 / SHARE - 1)));
   if ([...dirty].some((thing) => thing.visible)) ask();
   else urgent = false;
 }

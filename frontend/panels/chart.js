@@ -1,6 +1,6 @@
 /** One chart: title, legend that reads out values and switches lines, the drawing, and the table behind it. */
 import { Panel, h, setText, svg } from '../dom.js';
-import { Drawing } from '../charts.js';
+import { Drawing, haunted } from '../charts.js';
 import { readout, unitText } from '../format.js';
 import { forget, repaint } from '../scheduler.js';
 import { recording } from '../session.js';
@@ -42,7 +42,7 @@ export class ChartPanel extends Panel {
       h('div', { class: 'frame' }, this.rail, this.host),
     );
     this.#drawLegend();
-    this.watch((s) => s.theme, () => this.#drawLegend());
+    this.watch((s) => [s.theme, !!s.ghost], () => this.#drawLegend());
     const sight = new IntersectionObserver(([entry]) => {
       this.visible = entry.isIntersecting;
       if (this.visible) repaint([this], true);
@@ -74,7 +74,9 @@ export class ChartPanel extends Panel {
 
   #drawLegend() {
     this.#values = [];
-    this.#legend?.replaceChildren(...this.chart.traces.map((trace) => {
+    const [first] = haunted(this.chart.traces);
+    const ghost = store.get().ghost && first ? [this.#ghostKey(style(this.chart, first).color)] : [];
+    this.#legend?.replaceChildren(...ghost, ...this.chart.traces.map((trace) => {
       const look = style(this.chart, trace);
       const value = h('span', { class: 'value' });
       this.#values.push({ node: value, trace });
@@ -87,6 +89,12 @@ export class ChartPanel extends Panel {
         h('span', { class: 'name' }, trace.label, trace.sigma && trace.role !== 'local' && h('small', {}, ' ±3σ')), value);
     }));
     this.read();
+  }
+
+  /** @param {string} shade */
+  #ghostKey(shade) {
+    return h('span', { class: 'line key', title: 'The same run, same noise, without any fault' },
+      svg('svg', { width: 18, height: 8, 'aria-hidden': 'true' }, svg('line', { x1: 0, x2: 18, y1: 4, y2: 4, stroke: shade, 'stroke-width': 4, opacity: 0.4 })), 'without the fault');
   }
 
   /** @param {Trace} trace */

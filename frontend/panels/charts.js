@@ -51,7 +51,7 @@ export class ChartsPanel extends Panel {
       forgetColors();
       repaint(this.#charts, true);
     });
-    this.watch((s) => s.experiment?.clock.state, () => repaint(this.#charts));
+    this.watch((s) => s.experiment?.clock.state, (state) => repaint(this.#charts, state !== 'running'));
     const redraw = () => repaint(this.#charts);
     recorded.addEventListener('change', redraw);
     this.keep(() => recorded.removeEventListener('change', redraw));

@@ -59,6 +59,7 @@ export class Diagram extends Panel {
     const lines = Math.max(1, Math.min(3, Math.floor((box.height - 20) / LINE)));
     const text = svg('text', { class: 'state' }, ...Array.from({ length: lines }, (_, i) => svg('tspan', { x: box.x + 7, y: box.y + 29 + i * LINE })));
     const act = () => this.dispatchEvent(new CustomEvent('block', { bubbles: true, detail: { block, anchor: group } }));
+    const title = svg('title');
     const group = svg('g', {
       class: `block ${block.kind}`, tabindex: 0, role: 'button', 'aria-haspopup': 'dialog',
       onclick: act, onkeydown: (/** @type {KeyboardEvent} */ event) => {
@@ -67,7 +68,7 @@ export class Diagram extends Panel {
         event.stopPropagation();
         act();
       },
-    }, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), svg('circle', { class: 'halo', r: 7, transform: badge }), sign, label, text);
+    }, title, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), svg('circle', { class: 'halo', r: 7, transform: badge }), sign, label, text);
     const size = [11.5, 10.5, 9.5].find((px) => widthOf(block.label, `600 ${px}px`) <= box.width - 12) ?? 9.5;
     label.style.fontSize = `${size}px`;
     label.textContent = fitted(block.label, box.width - 11, `600 ${size}px`);
@@ -84,6 +85,7 @@ export class Diagram extends Panel {
       drawn.sign.setAttribute('d', HEALTH[state.health].path);
       const lines = wrapped(state.text, drawn.width - 11, drawn.text.children.length);
       [...drawn.text.children].forEach((line, i) => setText(line, lines[i] ?? ''));
+      setText(/** @type {Element} */ (drawn.group.firstElementChild), `${drawn.block.label}: ${state.text}`);
       drawn.group.setAttribute('aria-label', `${drawn.block.label}: ${HEALTH[state.health].word}. ${state.text}`);
     }
     const open = new Set(this.#excluded(seen));

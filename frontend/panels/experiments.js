@@ -10,7 +10,7 @@ export class Experiments extends Panel {
   build() {
     this.list = h('tbody', {});
     this.dialog = h('dialog', { class: 'wide', 'aria-label': 'Experiments' },
-      h('header', {}, h('h2', {}, 'Experiments on this server'), h('form', { method: 'dialog' }, h('button', { class: 'mini', 'aria-label': 'Close' }, '×'))),
+      h('header', {}, h('h2', {}, 'Experiments on this server'), h('button', { class: 'mini', onclick: () => attempt(() => this.#clean()) }, 'Delete all but the open one'), h('form', { method: 'dialog' }, h('button', { class: 'mini', 'aria-label': 'Close' }, '×'))),
       h('table', {}, h('thead', {}, h('tr', {}, ...['Title', 'Scenario', 'State', 'Time', ''].map((t) => h('th', { scope: 'col' }, t)))), this.list));
     this.append(this.dialog);
   }
@@ -18,6 +18,12 @@ export class Experiments extends Panel {
   open() {
     this.dialog?.showModal();
     void attempt(() => this.#draw());
+  }
+
+  async #clean() {
+    const mine = store.get().experiment?.id;
+    for (const one of await read.experiments()) if (one.id !== mine) await send(commands.remove(one.id));
+    await Promise.all([this.#draw(), refreshRelatives()]);
   }
 
   async #draw() {

@@ -1,6 +1,6 @@
 /** The top bar: what flies, the clock, branches, and what can be taken away. */
 import { Panel, fill, h, setText } from '../dom.js';
-import { clock, decimalsOf } from '../format.js';
+import { clock, decimalsOf, words } from '../format.js';
 import { SPEEDS } from '../session.js';
 import { store } from '../store.js';
 import { back, branch, fly, open, openDialog, setSpeed, setTheme, shareLink, step, toggle } from '../actions.js';
@@ -27,8 +27,8 @@ export class TopBar extends Panel {
       const current = experiment?.scenario;
       const strange = current && !scenarios.some((s) => s.id === current.id);
       const systems = [...new Set(scenarios.map((s) => s.system))];
-      fill(select, strange && h('option', { value: current.id }, current.title), ...systems.map((system) =>
-        h('optgroup', { label: system }, ...scenarios.filter((s) => s.system === system).map((s) => h('option', { value: s.id, title: s.summary }, s.title)))));
+      fill(select, !current && h('option', { value: '', disabled: true, selected: true }, 'Choose a scenario'), strange && h('option', { value: current.id }, current.title), ...systems.map((system) =>
+        h('optgroup', { label: words(system) }, ...scenarios.filter((s) => s.system === system).map((s) => h('option', { value: s.id, title: s.summary }, s.title)))));
       if (current) select.value = current.id;
       select.title = scenarios.find((s) => s.id === current?.id)?.summary ?? '';
     });

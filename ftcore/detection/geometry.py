@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import null_space
 
 from ftcore.detection.result import Array, Ints, Mask
 
@@ -151,6 +152,62 @@ def best_angles(step: float = np.pi / 60, refinements: int = 6) -> tuple[Array, 
     return best
 
 
+def improve_angles(starts: ArrayLike, steps: int = 40) -> tuple[Array, Array]:
+    """Angles (phi, theta, psi) [rad] that a search uphill from each of `starts` (n, 3) ends at, and their J_FDI (n,).
+
+    A compass search: to the best of the 26 neighbours of a cube about the present angles; where none is better the cube
+    shrinks to half. J_FDI has ridges, on which gradients lead nowhere. Source: the optimisation behind (28).
+    """
+    angles = np.array(starts, dtype=float, ndmin=2)
+    index = fdi_index(input_axes(*angles.T))
+    size = np.full(len(angles), np.pi / 12)
+    around = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    every = np.arange(len(angles))
+    for _ in range(steps):
+        tried = angles[:, None] + size[:, None, None] * around
+        found = fdi_index(input_axes(*np.moveaxis(tried, -1, 0)))
+        best = found.argmax(axis=1)
+        better = found[every, best] > index + _ROUNDING
+        angles = np.where(better[:, None], tried[every, best], angles)
+        index = np.where(better, found[every, best], index)
+        size = np.where(better, size, 0.5 * size)
+    return angles, index
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SingularFault:
+    """A line that the fault planes of two instruments share: on it one's fault looks like the other's."""
+
+    instruments: tuple[int, int]
+    """The two, counted from 0."""
+    line: Array
+    """Its unit direction in parity space, (axes - 3,)."""
+    faults: tuple[Array, Array]
+    """Unit fault of each instrument, by its own input axes, that moves p along the line."""
+
+
+def singular_faults(instruments: Cluster) -> tuple[SingularFault, ...]:
+    """All lines on which the fault planes of two instruments meet, in the order of the pairs.
+
+    Two planes of a three-dimensional parity space meet in one line at least; in larger ones they may not meet at all.
+    Source: section 4.1 of Kim et al.
+    """
+    found = []
+    columns = [instruments.V[:, instruments.instrument == k] for k in range(instruments.count)]
+    for a in range(instruments.count):
+        for b in range(a + 1, instruments.count):
+            pair = np.concatenate([columns[a], -columns[b]], axis=1)
+            for both in null_space(pair, rcond=_ROUNDING).T:
+                split = columns[a].shape[1]
+                line = columns[a] @ both[:split]
+                length = np.linalg.norm(line)
+                if length > _ROUNDING:
+                    sign = np.sign(both[np.abs(both[:split]).argmax()])
+                    faults = (_unit(sign * both[:split]), _unit(sign * both[split:]))
+                    found.append(SingularFault((a, b), sign * line / length, faults))
+    return tuple(found)
+
+
 def parity_matrix(H: Array) -> Array:
     """The parity matrix V (axes - 3, axes) with V H = 0 and V V' = I, of a measurement matrix (axes, 3).
 
@@ -187,6 +244,10 @@ def solution_covariance(instruments: Cluster, used: Mask, sigma: float = 1.0) ->
     Where a direction is not seen its variance is given as 0, the error of the 0 that `solve` puts there being unknown.
     """
     return np.asarray(sigma**2 * instruments.covariances[mask_index(used)])
+
+
+def _unit(v: Array) -> Array:
+    return np.asarray(v / np.linalg.norm(v))
 
 
 def _best_of(angles: NDArray[np.float64]) -> tuple[Array, float]:

@@ -12,6 +12,7 @@ that a healthy instrument alarms forever.
     parity    the part of p outside the plane of instrument k, chi-square   small when k alone is at fault
     angle     between p and the plane of instrument k [rad]                 small when k alone is at fault
     GLT       DF_j, the part of p along v_j, chi-square on 1                largest for the faulty axis
+    optimal   the part of p inside the plane of instrument k, chi-square    large when k is at fault
 
 Instruments that are not used (isolated, or without a reading) drop out: p is projected out of their planes, where their
 readings have no part in it, and what is left judges the others on fewer degrees of freedom. With one of three 2-DOF
@@ -207,9 +208,57 @@ def glt_test(
     )
 
 
+def optimal_parity_test(
+    reference: Reference,
+    readings: Array,
+    p_fa: float,
+    subjects: Sequence[str],
+    used: Mask | None = None,
+    name: str = "optimal-parity",
+) -> tuple[TestResult, ...]:
+    """Watch each instrument along the parity vector that shows its fault best: Jin and Zhang's, for all its axes.
+
+    Arguments as in `parity_test`. Of all combinations of parity equations C^-1 V f shows a fault f best above what C
+    allows. An instrument's statistic is the largest such residual squared over its possible f: the part of FD that a
+    fault of it explains, chi-square on its axes without a fault. It alarms above its own threshold, whatever FD says,
+    when no other explains more. `extra` of every instrument: `candidate` (runs,), above its threshold. With a single
+    degree of freedom left every instrument explains the same, and none is named.
+    """
+    seen = _see(reference, readings, p_fa, subjects, used, name)
+    without = seen.out[:, None] | _bits(reference)
+    outside = np.matvec(reference.outside[without], seen.whitened[:, None])
+    explained = np.maximum(seen.set.statistic[:, None] - np.vecdot(outside, outside), 0.0)
+    dof = seen.set.dof[:, None] - reference.dof[without]
+    limits = threshold(p_fa, dof)
+    candidate = (explained >= limits) & (dof > 0) & seen.used & (seen.set.dof > 1)[:, None]
+    largest = explained.argmax(axis=1)[:, None] == np.arange(explained.shape[1])
+    return seen.results(explained, dof, limits, candidate & largest, {"candidate": candidate})
+
+
+def ambiguity_map(
+    reference: Reference, limit: float = ANGLE_THRESHOLD, directions: int = 360
+) -> tuple[Array, Array, Mask]:
+    """Which faults of two-axis instruments the angle test cannot place, noise aside.
+
+    Returns the direction of the fault between the instrument's first and second axis, over half a turn (directions,)
+    [rad]; FI of every instrument (count, directions, count) [rad]: of which instrument failed, then to whose plane; and
+    whether more than one lies below `limit` (count, directions). Instruments with other numbers of axes show nan and
+    False. Source: section 4.1 of Kim et al.
+    """
+    cluster = reference.cluster
+    angle = np.asarray(np.linspace(0.0, np.pi, directions, endpoint=False), dtype=np.float64)
+    FI = np.full((cluster.count, directions, cluster.count), np.nan)
+    for k in range(cluster.count):
+        mine = np.flatnonzero(cluster.instrument == k)
+        if len(mine) == 2:
+            fault = np.cos(angle)[:, None] * cluster.V[:, mine[0]] + np.sin(angle)[:, None] * cluster.V[:, mine[1]]
+            FI[k] = fault_angles(reference, fault)
+    return angle, FI, np.asarray((limit > FI).sum(axis=-1) > 1)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """What all three tests begin with."""
+    """What all tests begin with."""
 
     name: str
     subjects: Sequence[str]

@@ -1,7 +1,7 @@
 """A system's geometry drawn with viser: whatever its scene items say, and nothing known about any single system.
 
 Handles are made once; an update only says what has changed. Colour tells the family, health overrides it, and the label
-says the health in words, so that colour is never alone.
+says the health too, so that colour is never alone.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ HEALTH: dict[Health, Colour] = {
     "isolated": (128, 128, 128),
     "off": (84, 84, 84),
 }
-WORDS: dict[Health, str] = {"faulted": " · fault", "suspect": " · alarm", "isolated": " · isolated", "off": " · off"}
+MARKS: dict[Health, str] = {"faulted": "{} fault", "suspect": "{} alarm", "isolated": "({})", "off": "({} off)"}
+"""What a label says besides the name; brackets: out of use."""
 
 LEVEL_FLIGHT = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 """Body (forward, right, down) to level (east, north, up), flying north: shown until an attitude is known."""
@@ -98,8 +99,8 @@ class Scene:
         What reaches far is in the sky, so the camera looks at a point a little above the middle.
         """
         self._radius = radius
-        middle = np.array([0.0, 0.0, 0.2 * (radius - LEAST_RADIUS)])
-        position = middle + FROM / np.linalg.norm(FROM) * radius / math.sin(0.5 * FIELD_OF_VIEW)
+        middle = np.array([0.0, 0.0, 0.3 * (radius - LEAST_RADIUS)])
+        position = middle + FROM / np.linalg.norm(FROM) * 0.88 * radius / math.sin(0.5 * FIELD_OF_VIEW)
         cameras: list[Any] = [
             self._server.initial_camera,
             *(client.camera for client in self._server.get_clients().values()),
@@ -139,9 +140,9 @@ class _Labelled:
         self._family = colour
         self._text = item.label
         self._label = scene.add_label(
-            f"{name}/label", item.label, anchor="center-center", font_screen_scale=0.8, visible=False
+            f"{name}/label", item.label, anchor="center-center", font_screen_scale=0.7, visible=False
         )
-        self._always = item.kind in ("axis", "line-of-sight", "vector")
+        self._always = item.kind in ("axis", "line-of-sight")
         self._health: Health = "ok"
 
     def _mark(self, view: ItemView, at: Vector, paint: Callable[[Colour], None]) -> None:
@@ -149,7 +150,7 @@ class _Labelled:
         self._label.position = at
         if view.health != self._health:
             self._health = view.health
-            self._label.text = self._text + WORDS.get(view.health, "")
+            self._label.text = MARKS.get(view.health, "{}").format(self._text)
             paint(colour_of(view.health, self._family))
 
 

@@ -56,7 +56,7 @@ function operation(method, path, about) {
   const summary = el('summary');
   summary.append(el('span', method.toUpperCase(), 'method'), el('code', path), el('span', about.summary, 'dim'));
   const inside = el('div', '', 'inside');
-  inside.append(el('p', about.description));
+  inside.append(el('p', about.description?.replaceAll('`', '')));
   if (about.parameters?.length) {
     inside.append(el('h3', 'Parameters'));
     const table = el('table');

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-import toy
+import toy_system as toy
 from fastapi.testclient import TestClient
-from lab import API, Flight, client_of
+from rest_lab import API, Flight, client_of
 
 from ftcore.systems.registry import SYSTEMS
 

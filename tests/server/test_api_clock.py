@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import httpx
 import pytest
-import toy
+import toy_system as toy
 from fastapi.testclient import TestClient
-from lab import API, Flight, served, wait_until
+from rest_lab import API, Flight, served, wait_until
 
 from server.pacing import SLIP, Pacer
 from server.settings import Settings

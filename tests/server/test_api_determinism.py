@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from lab import API, Flight
+from rest_lab import API, Flight
 
 END = 24.0
 NAMES = "fused.error.position.up,gps.error.position.up,test.residual.gps.statistic,unprotected.error.velocity.east"

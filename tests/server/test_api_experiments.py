@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import toy
+import toy_system as toy
 from fastapi.testclient import TestClient
-from lab import API, Flight
+from rest_lab import API, Flight
 
 
 def test_an_experiment_starts_paused_at_zero_and_says_where_it_is(client: TestClient) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Awaitable, Callable
 
 import httpx
 import websockets
-from lab import API
+from rest_lab import API
 
 from ftcore import Scenario
 from server.app import SWITCH_INTERVAL

@@ -6,7 +6,7 @@ import gzip
 
 import pytest
 from fastapi.testclient import TestClient
-from lab import API
+from rest_lab import API
 
 from server.pages import plotly
 

@@ -11,14 +11,16 @@ import time
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-import toy
+import toy_system as toy
 from fastapi.testclient import TestClient
-from hypothesis import given, settings
+from hypothesis import given
+from hypothesis import settings as limits
 from hypothesis import strategies as st
-from lab import Flight
+from rest_lab import Flight, client_of
 
 from server.negotiation import choose
 from server.series import envelope
+from server.settings import Settings
 
 ERROR = "fused.error.position.x"
 
@@ -66,11 +68,7 @@ def test_thinned_series_of_many_signals_are_no_longer_than_asked(client: TestCli
     assert max(thin["signals"]["extra.7"]) == max(full["signals"]["extra.7"])
 
 
-def test_a_long_flight_says_where_its_history_was_thinned(client: TestClient) -> None:
-    from lab import client_of
-
-    from server.settings import Settings
-
+def test_a_long_flight_says_where_its_history_was_thinned() -> None:
     with client_of(Settings(max_epochs=100)) as small:
         flight = Flight(small)
         flight.advance(until=30.0)
@@ -144,7 +142,7 @@ def test_a_reports_text_cannot_become_markup(client: TestClient) -> None:
     values=st.lists(st.one_of(st.floats(-1e9, 1e9), st.just(math.nan)), min_size=1, max_size=200),
     points=st.integers(2, 60),
 )
-@settings(max_examples=60, deadline=None)
+@limits(max_examples=60, deadline=None)
 def test_an_envelope_keeps_extremes_order_and_bounds(values: list[float], points: int) -> None:
     time_, given_ = np.arange(len(values), dtype=float), np.array(values)
     shared, thin = envelope(time_, {"x": given_}, points)

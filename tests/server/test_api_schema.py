@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from fastapi.testclient import TestClient
-from lab import API, served
+from rest_lab import API, served
 
 from server.settings import Settings
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-import toy
+import toy_system as toy
 from fastapi.testclient import TestClient
-from lab import Flight, client_of
+from rest_lab import Flight, client_of
 from starlette.websockets import WebSocketDisconnect
 
 from server.settings import Settings

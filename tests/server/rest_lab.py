@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
-import toy
+import toy_system as toy
 import uvicorn
 from fastapi.testclient import TestClient
 

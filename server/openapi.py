@@ -19,10 +19,10 @@ itself or the experiment. Either way nothing has changed.
 Live data come over the WebSocket `/api/v1/experiments/{id}/stream`, as JSON. First `hello` (experiment, signals,
 history), then `frames` (time, signals: columns, new since the last), `event`, `state` (the experiment, when more than
 its time has changed), `view` (diagram and scene) and `reset` (time: forget what came later). Send `subscribe`
-(signals) to get frames, and `ack` (time: the last of the frames) for each: with three unacknowledged the stream waits,
-and then sends what was missed thinned to its extremes. `?since=t` goes on after t; with `&history=n` of the last
-`hello` or `reset` it also tells of a rewind missed meanwhile. Close codes: 4404 no such experiment, 4410 deleted, 4400
-a message not understood, 4429 too many streams.
+(signals) to get frames, and `ack` (time: the last of the frames) for each: with three unacknowledged the stream
+waits, and then sends what was missed thinned to its extremes. `?since=t` goes on after t (an event of t itself may
+come again, by the same index); with `&history=n` of the last `hello` or `reset` it also tells of a rewind missed
+meanwhile. Close codes: 4404 no such experiment, 4410 deleted, 4400 a message not understood, 4429 too many streams.
 """
 TAGS = {
     "systems": "what can fly, and how it describes itself",

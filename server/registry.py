@@ -63,7 +63,11 @@ class ExperimentRegistry:
             f"{original.title} (without faults)",
             ghost_of=original.id,
         )
-        await ghost.advance(lambda _: epoch)
+        try:
+            await ghost.advance(lambda _: epoch)
+        except Refused:
+            await self.delete(ghost.id)
+            raise
         return ghost
 
     async def delete(self, id: str) -> None:

@@ -36,7 +36,7 @@ class Settings(BaseModel):
         default=(), description="further names this server is reached by, as in the Host header: name or name:port"
     )
     max_experiments: int = Field(default=32, ge=1, le=10_000, description="live experiments at the same time")
-    max_epochs: int = Field(default=36_000, ge=16, description="recorded epochs of an experiment before thinning")
+    max_epochs: int = Field(default=20_000, ge=16, description="recorded epochs of an experiment before thinning")
     max_body_bytes: int = Field(default=4_000_000, ge=1_000, description="largest request body")
     max_advance_epochs: int = Field(default=1_000_000, ge=1, description="largest single advance")
     workers: int = Field(default=2, ge=1, le=64, description="threads that step experiments")

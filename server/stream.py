@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from bisect import bisect_left
 from collections import deque
 from typing import Any
 
@@ -34,8 +35,8 @@ MAX_EVENTS = 500
 MAX_MESSAGE = 100_000
 """Longest message that a viewer may send [bytes]."""
 
-UNKNOWN, GONE, BAD_MESSAGE, BUSY = 4404, 4410, 4400, 4429
-"""Close codes: no such experiment, it was deleted, a message that cannot be understood, too many streams."""
+UNKNOWN, GONE, BAD_MESSAGE, BUSY, BROKEN = 4404, 4410, 4400, 4429, 1011
+"""Close codes: no such experiment, it was deleted, a message that cannot be understood, too many streams, a defect."""
 
 _log = logging.getLogger("ftlab")
 
@@ -129,6 +130,8 @@ class Viewer:
         for error in errors:
             if not isinstance(error, WebSocketDisconnect | RuntimeError):
                 _log.error("the stream of experiment %s broke", self.experiment.id, exc_info=error)
+                with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+                    await self.socket.close(BROKEN, "this is a defect of FTLab")
 
     async def _listen(self) -> None:
         while True:
@@ -185,7 +188,9 @@ class Viewer:
             undone += self.experiment.rewinds[self._history :] if self._history is not None else []
             reset = min(undone) if undone and min(undone) < since else None
             since = since if reset is None else reset
-            return self.experiment.describe(simulation), since, reset, events_until(simulation, since)
+            # Something may have been done at that very time after the client was cut off: better told twice than never.
+            known = len(simulation.events) if self._position is None else events_before(simulation, since)
+            return self.experiment.describe(simulation), since, reset, known
 
         state, self._position, reset, self._events = await self.experiment.read(look)
         self._state = state
@@ -233,7 +238,7 @@ class Viewer:
     ) -> tuple[ExperimentState, list[dict[str, Any]], Columns | None]:
         """In a thread: what has come since the viewer's position."""
         if reset is not None:
-            self._events = min(self._events, events_until(simulation, reset))
+            self._events = min(self._events, events_before(simulation, reset))
         new = simulation.events[self._events :]
         self._events = len(simulation.events)
         events = [event.model_dump(mode="json") for event in new[-MAX_EVENTS:]]
@@ -247,9 +252,9 @@ class Viewer:
         await self.socket.send_text(orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY).decode())
 
 
-def events_until(simulation: Simulation, time: float) -> int:
-    """How many events had happened by ``time``."""
-    return sum(1 for event in simulation.events if event.time <= time + 1e-9)
+def events_before(simulation: Simulation, time: float) -> int:
+    """How many events had happened before ``time``."""
+    return bisect_left(simulation.events, time - 1e-9, key=lambda event: event.time)
 
 
 def _same(new: ExperimentState, old: ExperimentState | None) -> bool:

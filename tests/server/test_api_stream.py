@@ -140,8 +140,15 @@ def test_a_viewer_that_was_cut_off_goes_on_without_a_gap(flight: Flight, since: 
     wanted = [time for time in flight.get("/series", signals=ERROR)["time"] if time > since + 1e-9]
     assert times(heard) == wanted
     assert [m["index"] for m in heard if m["type"] == "event"] == [
-        event["index"] for event in flight.get("/events") if event["time"] > since + 1e-9
+        event["index"] for event in flight.get("/events") if event["time"] >= since - 1e-9
     ]
+
+
+def test_what_was_done_while_a_viewer_was_away_is_told_even_if_no_time_went_by(flight: Flight) -> None:
+    flight.advance(until=2.0)
+    flight.do("PATCH", "/settings", {"threshold": 8.0})
+    with flight.client.websocket_connect(f"{flight.stream}?since=2.0") as socket:
+        assert until(socket, of("event"))[-1]["kind"] == "settings.changed"
 
 
 def test_a_rewind_tells_the_viewer_to_truncate(flight: Flight) -> None:

@@ -35,6 +35,17 @@ export function linearAxis(columns, ends, before) {
   return { range, values, texts: values.map((v) => number(Number(v.toPrecision(6)), 4)), type: 'linear' };
 }
 
+/** From zero to the highest pile; shares that sum to one get exactly that. @param {Float64Array[]} columns @param {[number, number] | null} before @returns {Axis} */
+export function stackAxis(columns, before) {
+  let high = 0;
+  for (let i = 0; i < (columns[0]?.length ?? 0); i += 1) {
+    const pile = columns.reduce((sum, column) => sum + (column[i] || 0), 0);
+    if (pile > high) high = pile;
+  }
+  if (high <= 1.001) return { range: [0, 1], values: [0, 0.5, 1], texts: ['0', '0.5', '1'], type: 'linear' };
+  return linearAxis([Float64Array.of(0, high)], [], before);
+}
+
 /** @param {number} low @param {number} high @returns {[number, number]} */
 function wide(low, high) {
   const room = 0.12 * (high - low);

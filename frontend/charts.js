@@ -6,7 +6,7 @@
 import { ghostRecording } from './ghost.js';
 import { extremes, searchAfter, strided } from './recording.js';
 import { recording } from './session.js';
-import { linearAxis, logAxis } from './axes.js';
+import { linearAxis, logAxis, stackAxis } from './axes.js';
 import { timeTicks } from './format.js';
 import { color, style } from './traces.js';
 
@@ -87,6 +87,8 @@ export class Drawing {
       if (!column) continue;
       const rows = shared ?? (trace.role === 'threshold' ? strided(from, to, points) : extremes(column, from, to, points));
       const y = pick(column, rows, 1 / this.#scale(trace.signal));
+      // Nothing at or below zero has a place on a logarithmic axis; a gap is more honest than a plunge.
+      if (this.chart.scale === 'log') for (let i = 0; i < y.length; i += 1) if (y[i] <= 0) y[i] = NaN;
       const look = style(this.chart, trace);
       const drawn = line(pick(time, rows, 1), y, look);
       data.push(this.chart.stacked ? { ...drawn, stackgroup: 'all', fillcolor: tint(look.color, 0.5), line: { ...drawn.line, width: 1 } } : drawn);
@@ -110,7 +112,7 @@ export class Drawing {
 
   /** @param {Float64Array[]} extents @param {number[]} ends */
   #axis(extents, ends) {
-    if (this.chart.stacked) return { range: /** @type {[number, number]} */ ([0, 1]), values: [0, 0.5, 1], texts: ['0', '0.5', '1'], type: 'linear' };
+    if (this.chart.stacked) return stackAxis(extents, this.#yRange);
     return this.chart.scale === 'log' ? logAxis(extents, this.#yRange) : linearAxis(extents, ends, this.#yRange);
   }
 

@@ -127,8 +127,8 @@ export function extremes(column, from, to, points) {
     let least = start;
     let greatest = start;
     for (let i = start + 1; i < end; i += 1) {
-      if (column[i] < column[least]) least = i;
-      if (column[i] > column[greatest]) greatest = i;
+      if (column[i] < column[least] || Number.isNaN(column[least])) least = i;
+      if (column[i] > column[greatest] || Number.isNaN(column[greatest])) greatest = i;
     }
     rows[kept++] = Math.min(least, greatest);
     if (least !== greatest) rows[kept++] = Math.max(least, greatest);

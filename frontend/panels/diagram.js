@@ -8,6 +8,8 @@ import { routes } from './wires.js';
 const GRID = { width: 100, height: 68 };
 const LEAST_HEIGHT = 236;
 const LINE = 11.5;
+/** How far a name may be narrowed before it is cut. */
+const NARROWEST = 0.76;
 
 /** @typedef {{group: SVGGElement, sign: SVGPathElement, label: SVGTextElement, text: SVGTextElement, block: Block, width: number}} Drawn */
 
@@ -71,7 +73,11 @@ export class Diagram extends Panel {
     }, title, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), svg('circle', { class: 'halo', r: 7, transform: badge }), sign, label, text);
     const size = [11.5, 10.5, 9.5].find((px) => widthOf(block.label, `600 ${px}px`) <= box.width - 12) ?? 9.5;
     label.style.fontSize = `${size}px`;
-    label.textContent = fitted(block.label, box.width - 11, `600 ${size}px`);
+    const room = box.width - 11;
+    const wide = widthOf(block.label, `600 ${size}px`);
+    const narrowed = wide > room && wide * NARROWEST <= room;
+    if (narrowed) for (const [name, value] of [['textLength', room], ['lengthAdjust', 'spacingAndGlyphs']]) label.setAttribute(String(name), String(value));
+    label.textContent = narrowed ? block.label : fitted(block.label, room, `600 ${size}px`);
     this.#blocks.set(block.id, { group, sign, label, text, block, width: box.width });
     return group;
   }

@@ -53,7 +53,7 @@ function found(fault, events) {
   const already = Object.entries(before ?? {}).some(([name, s]) => concerns(name) && s.health === 'isolated');
   if (already) return ', isolated already';
   const alarm = after.find((e) => e.kind === 'test.alarmed');
-  return alarm ? `, alarm ${clock(alarm.time, 1)}, not isolated` : ', not noticed';
+  return alarm ? `, alarm ${clock(alarm.time, 1)}, not isolated` : ', not noticed yet';
 }
 
 customElements.define('ft-faults', Faults);

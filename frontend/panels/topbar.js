@@ -30,6 +30,7 @@ export class TopBar extends Panel {
       fill(select, !current && h('option', { value: '', disabled: true, selected: true }, 'Choose a scenario'), strange && h('option', { value: current.id }, current.title), ...systems.map((system) =>
         h('optgroup', { label: words(system) }, ...scenarios.filter((s) => s.system === system).map((s) => h('option', { value: s.id, title: s.summary }, s.title)))));
       if (current) select.value = current.id;
+      document.title = current ? `${current.title} – FTLab` : 'FTLab';
       select.title = scenarios.find((s) => s.id === current?.id)?.summary ?? '';
     });
     return select;

@@ -1,4 +1,4 @@
-"""Breaking things and putting them right: every action shows in the charts, the diagram, the log, and as a curl command."""
+"""Breaking things and putting them right: every action shows in charts, diagram and log, and as a curl command."""
 
 from __future__ import annotations
 

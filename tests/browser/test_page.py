@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import BrowserContext, expect
+from playwright.sync_api import BrowserContext, Route, expect
 
 from .lab import Lab
 
@@ -118,8 +119,9 @@ def test_small_screens_do_not_scroll_sideways(lab: Lab, size: tuple[int, int]) -
     lab.fly_until(60.0)
     lab.look_at_start()
     wide = lab.page.evaluate(
-        """() => [...document.querySelectorAll('body, ft-topbar, .left, .middle, .right, .bottom > *, ft-charts .scroller')]
-        .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => `${e.className || e.localName} ${e.scrollWidth} > ${e.clientWidth}`)"""
+        """() => ['body', 'ft-topbar', '.left', '.middle', '.right', '.bottom > *', 'ft-charts .scroller']
+        .flatMap((name) => [...document.querySelectorAll(name)].map((e) => [name, e.scrollWidth, e.clientWidth]))
+        .filter(([, content, room]) => content > room + 1)"""
     )
     assert wide == []
     cut = lab.page.evaluate(
@@ -133,15 +135,18 @@ def test_small_screens_do_not_scroll_sideways(lab: Lab, size: tuple[int, int]) -
 
 CONTRAST = """() => {
   const rgb = (text) => (text.match(/[\\d.]+/g) ?? []).map(Number);
-  const light = ([r, g, b]) => [r, g, b].map((v) => v / 255).map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+  const linear = (v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  const light = (rgb) => rgb.slice(0, 3).map((v) => linear(v / 255))
     .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
   const ground = (e) => { for (let n = e; n; n = n.parentElement) { const c = rgb(getComputedStyle(n).backgroundColor);
     if (c.length === 3 || c[3] === 1) return c; } return [255, 255, 255]; };
   const bad = [];
-  for (const e of document.querySelectorAll('h2, h3, label, button:not(:disabled), dt, dd, .dim, .unit, .what, .why, .time, .name, .value, .ticks span, .names span, p')) {
+  const texts = 'h2, h3, label, button:not(:disabled), dt, dd, p, .dim, .unit, .what, .why, .time, .name, .value';
+  for (const e of document.querySelectorAll(texts)) {
     if (!e.textContent.trim() || !e.getClientRects().length || e.closest('[aria-pressed=false]')) continue;
     const [a, b] = [light(rgb(getComputedStyle(e).color)), light(ground(e))].sort((x, y) => y - x);
-    if ((a + 0.05) / (b + 0.05) < 4.5) bad.push(`${e.localName}.${e.className} ${e.textContent.trim().slice(0, 20)} ${((a + 0.05) / (b + 0.05)).toFixed(2)}`);
+    const contrast = (a + 0.05) / (b + 0.05);
+    if (contrast < 4.5) bad.push([e.localName, e.className, e.textContent.trim().slice(0, 20), contrast]);
   }
   return bad;
 }"""
@@ -175,3 +180,57 @@ def test_no_file_of_the_page_says_too_much() -> None:
         if (n := len(Path(p).read_text("utf-8").splitlines())) > 400
     }
     assert long == {}
+
+
+def test_a_system_never_seen_before_needs_no_change(lab: Lab) -> None:
+    """The same flight under a description with every word changed, and with a block, a chart and a setting more."""
+
+    def strange(route: Route) -> None:
+        system = json.loads(lab_description)
+        for part in ("channels", "subsystems", "signals", "charts", "blocks"):
+            for item in system[part]:
+                key = "title" if part == "charts" else "label"
+                item[key] = f"Zz {item[key]}"
+        system["blocks"].append({**system["blocks"][0], "id": "new", "x": 2, "y": 60, "label": "Zz new block"})
+        system["charts"].append({**system["charts"][0], "id": "new", "title": "Zz new chart", "shown": True})
+        system["settings_schema"]["properties"]["new"] = {"enum": ["one", "two"], "title": "Zz new setting"}
+        system["scene"] = []
+        route.fulfill(json=system)
+
+    lab_description = json.dumps(lab.rest("GET", f"/systems/{lab.experiment()['system']}"))
+    lab.page.route("**/api/v1/systems/*", strange)
+    lab.page.reload()
+    lab.fly_until(20.0)
+    expect(lab.page.locator("ft-diagram .block", has_text="Zz")).to_have_count(
+        len(json.loads(lab_description)["blocks"]) + 1
+    )
+    expect(lab.page.locator("ft-charts .chart", has_text="Zz new chart")).to_be_visible()
+    expect(lab.page.get_by_label("Zz new setting", exact=True)).to_be_visible()
+    expect(lab.page.locator("ft-bench select[name=channel]")).to_contain_text("Zz")
+    expect(lab.page.locator("ft-scene")).to_be_hidden()
+
+
+def test_a_full_server_is_explained_and_room_can_be_made(lab: Lab) -> None:
+    lab.refusals_expected = True
+    full = {"status": 429, "title": "Too Many Requests", "detail": "there are 32 experiments already", "errors": []}
+    lab.page.route(
+        "**/api/v1/experiments",
+        lambda route: route.fulfill(status=429, json=full) if route.request.method == "POST" else route.continue_(),
+    )
+    other = lab.page.locator("ft-topbar .scenario option").last.get_attribute("value")
+    lab.page.get_by_label("Scenario").select_option(other)
+    expect(lab.page.locator(".toast.error")).to_contain_text("32 experiments already")
+    lab.page.get_by_role("button", name="Choose experiments to delete").click()
+    expect(lab.page.get_by_role("dialog", name="Experiments").locator("tbody tr")).not_to_have_count(0)
+
+
+def test_a_failed_experiment_says_why(lab: Lab) -> None:
+    lab.page.evaluate(
+        """() => import('/static/store.js').then(({ store }) => {
+          const { experiment } = store.get();
+          const clock = { ...experiment.clock, state: 'failed', reason: 'the matrix is singular' };
+          store.set({ experiment: { ...experiment, clock } });
+        })"""
+    )
+    expect(lab.page.locator("ft-notices")).to_contain_text("the matrix is singular")
+    expect(lab.page.locator("ft-topbar .play")).to_be_disabled()

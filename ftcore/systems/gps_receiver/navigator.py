@@ -115,7 +115,7 @@ class Navigator:
         supervision, decision = supervisor.step(
             state.supervisor,
             _spread(accused, columns),
-            _spread(_admissible(m, held, free & ~accused, resolved, p_fa), columns),
+            _spread(_admissible(m, held, free & ~accused, resolved, prior, z[:, 0], p_fa), columns),
             _spread(m.valid, columns),
             supervisor.Rules(settings.confirm, settings.within, 1, settings.hold_off),
         )
@@ -126,7 +126,7 @@ class Navigator:
         lost = waited >= settings.patience
         sets = np.stack([snapshot.fix.valid, own, trusted, m.valid], axis=1)
         sets[:, 1:3] = np.where(started[..., None], sets[:, 1:3], snapshot.fix.valid[:, None])
-        fixes = _solutions(snapshot, sets)
+        fixes = least_squares.solve(m.H[:, None], m.y[:, None], m.sigma[:, None], sets)
 
         taken = sets[:, 1:] & started[..., None]
         if not np.array_equal(taken, judged):
@@ -134,36 +134,24 @@ class Navigator:
         bank = Bank(update.x, update.P, prior.started)
         agreement = _agreement(prior, fixes, offset, p_fa)
         disagreed = np.where(agreement.alarm, state.disagreed + 1, np.where(agreement.dof > 0, 0, state.disagreed))
-        reset = (disagreed >= settings.reset_after) | lost[:, COMBINED]
-        first = ~prior.started & (snapshot.status != CANNOT_ISOLATE)
-        for which, where, source in (
-            (FILTER, lost[:, FILTER], EVERYONE),
-            (COMBINED, lost[:, COMBINED], EVERYONE),
-            (COMBINED, disagreed >= settings.reset_after, COMBINED + 1),
-            (FILTER, first, FILTER + 1),
-            (COMBINED, first, COMBINED + 1),
-            (UNPROTECTED, first, EVERYONE),
-        ):
-            at = np.concatenate([fixes.x[:, source, :3] + offset, fixes.x[:, source, 3:]], axis=-1)
-            sure, covariance = where & fixes.solved[:, source], fixes.covariance[:, source]
-            bank = filters.restart(bank, which, sure, at, covariance, self._p.filter)
-
+        differs = disagreed >= settings.reset_after
+        reset = differs | lost[:, COMBINED]
+        bank = self._restarted(bank, fixes, offset, lost, differs, snapshot.status != CANNOT_ISOLATE)
         status = _status(snapshot, verdict, fixes, accused | held, resolved, agreement.alarm & ~reset, bank.started)
         after = NavigatorState(
-            snapshots.advance(snapshot),
-            bank,
-            supervision,
-            np.where(reset, 0, disagreed),
-            np.where(lost, 0, waited),
-            status[:, 2],
+            place=snapshots.advance(snapshot),
+            bank=bank,
+            supervisor=supervision,
+            disagreed=np.where(reset, 0, disagreed),
+            waited=np.where(lost, 0, waited),
+            status=status[:, COMBINED + 1],
         )
-        answered = snapshot.everyone.solved
         detail = Detail(
             position_e=_positions(place, snapshot, bank),
             sigma=_sigmas(snapshot, bank),
             status=status,
             satellites=np.count_nonzero(sets, axis=-1),
-            hdop=least_squares.hdop(m.H, snapshot.fix.valid, answered),
+            hdop=least_squares.hdop(m.H, snapshot.fix.valid, snapshot.everyone.solved),
             dof=snapshot.fix.dof,
             protection=protect(fixes, m.sigma, sets, settings),
             alert_limit=settings.alert_limit,
@@ -175,11 +163,33 @@ class Navigator:
         )
         output = Output(
             *_tests(snapshot, form, verdict, agreement, columns, p_fa),
-            *_health(decision, status[:, 2], trusted, columns),
-            _notices(state.status, status[:, 2], reset, agreement),
+            *_health(decision, after.status, trusted, columns),
+            _notices(state.status, after.status, reset, agreement),
             detail,
         )
         return after, output
+
+    def _restarted(self, bank: Bank, fixes: Fix, offset: Array, lost: Flags, differs: Flags, usable: Flags) -> Bank:
+        """Filters that start, or start again, from a snapshot of their own or of all satellites.
+
+        ``lost`` (runs, 2): filter and combined filter have taken nothing for too long; ``differs`` (runs,): the
+        combined filter has disagreed with its own satellites for too long; ``usable`` (runs,): a first start may be
+        made.
+        """
+        first = ~bank.started & usable
+        for which, where, source in (
+            (FILTER, lost[:, FILTER], EVERYONE),
+            (COMBINED, lost[:, COMBINED], EVERYONE),
+            (COMBINED, differs, COMBINED + 1),
+            (FILTER, first, FILTER + 1),
+            (COMBINED, first, COMBINED + 1),
+            (UNPROTECTED, first, EVERYONE),
+        ):
+            if where.any():
+                at = np.concatenate([fixes.x[:, source, :3] + offset, fixes.x[:, source, 3:]], axis=-1)
+                sure = where & fixes.solved[:, source]
+                bank = filters.restart(bank, which, sure, at, fixes.covariance[:, source], self._p.filter)
+        return bank
 
 
 def _combine(
@@ -201,30 +211,24 @@ def _combine(
     return np.where(doubtful[:, None], by_innovation & helped[:, None], accused), ~doubtful | helped
 
 
-def _admissible(m: Measurement, held: Flags, others: Flags, resolved: Flags, p_fa: float) -> Flags:
-    """Which satellites agree with a snapshot of ``others`` (runs, n) that they had no part in.
+def _admissible(
+    m: Measurement, held: Flags, others: Flags, resolved: Flags, prior: Bank, z: Array, p_fa: float
+) -> Flags:
+    """Which satellites agree with an estimate that they had no part in; who was never held out needs no such proof.
 
-    A satellite that was never held out needs no such proof.
+    That is a snapshot of ``others`` (runs, n). Where these are too few for one, it is the combined filter's prediction:
+    its covariance grows while nothing better is known, so nobody stays out for ever.
     """
     if not held.any():
         return m.valid
     fix = least_squares.solve(m.H, m.y, m.sigma, others)
-    residual = m.y - np.matvec(m.H, fix.x)
-    variance = m.sigma**2 + np.vecdot(m.H @ fix.covariance, m.H)
-    like = residual**2 <= chi_square.threshold(p_fa, 1) * variance
-    return m.valid & np.where(held, like & (fix.solved & resolved)[:, None], True)
-
-
-def _solutions(snapshot: Snapshot, sets: Flags) -> Fix:
-    """Snapshots of each estimator's satellites, (runs, 4); one of them serves all if nobody has excluded anybody."""
-    everyone, m = snapshot.everyone, snapshot.measurement
-    if np.array_equal(sets, np.broadcast_to(everyone.valid[:, None], sets.shape)):
-        return Fix(*(np.broadcast_to(v[:, None], (len(v), sets.shape[1], *v.shape[1:])) for v in _parts(everyone)))
-    return least_squares.solve(m.H[:, None], m.y[:, None], m.sigma[:, None], sets)
-
-
-def _parts(fix: Fix) -> tuple[NDArray[np.generic], ...]:
-    return (fix.x, fix.covariance, fix.gain, fix.projector, fix.residual, fix.dof, fix.valid, fix.solved)
+    alone = fix.solved[:, None]
+    x = np.where(alone, fix.x, prior.x[:, COMBINED, PLACE])
+    P = np.where(alone[..., None], fix.covariance, prior.P[:, COMBINED][:, PLACE[:, None], PLACE])
+    residual = np.where(alone, m.y, z) - np.matvec(m.H, x)
+    variance = m.sigma**2 + np.vecdot(m.H @ P, m.H)
+    like = (residual**2 <= chi_square.threshold(p_fa, 1) * variance) & resolved[:, None]
+    return m.valid & (like | ~held)
 
 
 def _agreement(prior: Bank, fixes: Fix, offset: Array, p_fa: float) -> Agreement:

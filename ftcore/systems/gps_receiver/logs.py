@@ -1,0 +1,41 @@
+"""A receiver's log as a scenario: what `ftlab run` and an upload make of a pair of RINEX files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ftcore.sensors import rinex
+from ftcore.systems.gps_receiver.forms import Log
+from ftcore.systems.gps_receiver.names import EPOCH
+
+
+def log_scenario(
+    observation: str, navigation: str, antenna: tuple[float, float, float] | None = None
+) -> dict[str, Any]:
+    """Scenario document that plays a log from its first epoch to its last.
+
+    Args:
+        observation, navigation: the files, as the scenario will name them.
+        antenna: true position, Earth-fixed [m]; the file's approximate position if absent.
+
+    Raises:
+        LogError: one sentence about the file that cannot be used.
+    """
+    from ftcore.systems.gps_receiver.plant import reference
+
+    log = rinex.read(observation, navigation)
+    form = Log(observation=observation, navigation=navigation, antenna=antenna)
+    reference(log, form)
+    return {
+        "id": "receiver-log",
+        "title": f"Receiver log of {log.start}",
+        "summary": (
+            f"{len(log)} epochs of {log.interval:g} s from {log.start}, played one a second. The pseudoranges are the "
+            "receiver's own; faults lie over them."
+        ),
+        "hint": "Press Run, then break a satellite that is in view: it must turn grey, and the error must not move.",
+        "source": "a receiver's log",
+        "system": "gps-receiver",
+        "duration": len(log) * EPOCH,
+        "parameters": {"log": form.model_dump(mode="json", exclude_defaults=True)},
+    }

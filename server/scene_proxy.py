@@ -84,10 +84,10 @@ async def scene_page(experiment: Live, request: Request) -> Response:
 @router.websocket("/experiments/{id}/scene/")
 async def scene_socket(socket: WebSocket, experiment: LiveSocket) -> None:
     """viser's socket, filtered. Connected to viser first, so that the same subprotocol can be accepted."""
-    if experiment is None:
+    scenes: Scenes = socket.app.state.scenes
+    if experiment is None or experiment.closed:
         await socket.close(1008)
         return
-    scenes: Scenes = socket.app.state.scenes
     scene = await scenes.of(experiment)
     protocols = [websockets.Subprotocol(p) for p in socket.scope.get("subprotocols", []) if p.startswith("viser-v")]
     async with websockets.connect(

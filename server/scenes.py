@@ -19,6 +19,7 @@ from viser import infra
 
 from ftcore.description import View
 from server.experiments import Experiment
+from server.problems import Refused
 from server.scene import Scene
 
 INTERVAL = 0.1
@@ -111,7 +112,13 @@ class Scenes:
         self._open: dict[str, asyncio.Task[LiveScene]] = {}
 
     async def of(self, experiment: Experiment) -> LiveScene:
-        """The scene of an experiment; everyone who asks while it opens gets the same."""
+        """The scene of an experiment; everyone who asks while it opens gets the same.
+
+        Raises:
+            Refused: the experiment was deleted meanwhile.
+        """
+        if experiment.closed:
+            raise Refused(404, f"experiment {experiment.id!r} was deleted")
         if experiment.id not in self._open:
             self._open[experiment.id] = asyncio.create_task(_opened(experiment))
         task = self._open[experiment.id]

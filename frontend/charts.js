@@ -38,6 +38,8 @@ export class Drawing {
   #yRange = null;
   /** Signals the person has switched off in the legend. @type {Set<string>} */
   hidden = new Set();
+  /** Signals that have no value anywhere in what is drawn. @type {Set<string>} */
+  empty = new Set();
 
   /** @param {HTMLElement} host @param {Chart} chart @param {SystemDescription} description */
   constructor(host, chart, description) {
@@ -93,6 +95,8 @@ export class Drawing {
       const drawn = line(pick(time, rows, 1), y, look);
       data.push(this.chart.stacked ? { ...drawn, stackgroup: 'all', fillcolor: tint(look.color, 0.5), line: { ...drawn.line, width: 1 } } : drawn);
       extents.push(y);
+      if (y.length && !y.some(Number.isFinite)) this.empty.add(trace.signal);
+      else this.empty.delete(trace.signal);
     }
     const axis = this.#axis(extents, ends);
     this.#yRange = axis.range;

@@ -8,6 +8,9 @@
 
 const DASHES = ['solid', '5px,2px', '2px,2px', '8px,3px,2px,3px'];
 
+/** Dashes of thresholds and limits. */
+const LIMITS = ['7px,4px', '2px,5px', '12px,3px,2px,3px'];
+
 /** @type {Map<string, string>} */
 const colors = new Map();
 
@@ -40,7 +43,7 @@ export function style(chart, trace) {
     case 'unprotected':
       return { color: color('dim'), width: 1.2, dash: '2px,2px', opacity: 1 };
     case 'threshold':
-      return { color: color('ink'), width: 1, dash: '7px,4px', opacity: 0.75 };
+      return { color: color('ink'), width: 1, dash: LIMITS[place % LIMITS.length], opacity: 0.75 };
     default:
       return { color: color(shade), width: 1.2, dash, opacity: 1 };
   }

@@ -8,9 +8,12 @@ import { store } from '../store.js';
 import { style } from '../traces.js';
 /** @import {Chart, SystemDescription, Trace} from '../types' */
 
+/** With more lines than this the legend has rows of its own. */
+const MANY = 6;
+
 export class ChartPanel extends Panel {
   visible = false;
-  /** @type {{node: HTMLElement, trace: Trace}[]} */
+  /** @type {{node: HTMLElement, line: HTMLElement, trace: Trace}[]} */
   #values = [];
   /** @type {HTMLElement | null} */
   #legend = null;
@@ -29,7 +32,7 @@ export class ChartPanel extends Panel {
   build() {
     if (this.firstChild) return;
     const { chart } = this;
-    this.className = `chart ${chart.scale === 'log' ? 'low' : ''}`;
+    this.className = `chart ${chart.scale === 'log' ? 'low' : ''} ${chart.traces.length > MANY ? 'many' : ''}`;
     this.setAttribute('role', 'figure');
     this.setAttribute('aria-label', `${chart.title}${unitText(chart.unit) ? `, ${unitText(chart.unit)}` : ''}`);
     this.#legend = h('div', { class: 'legend', role: 'group', 'aria-label': `Lines of ${chart.title}` });
@@ -67,7 +70,8 @@ export class ChartPanel extends Panel {
   read() {
     const { hover, cursor, now } = store.get();
     const time = hover ?? cursor ?? now;
-    for (const { node, trace } of this.#values) {
+    for (const { node, line, trace } of this.#values) {
+      line.hidden = this.drawing.empty.has(trace.signal);
       setText(node, readout(recording.at(trace.signal, time) / (this.drawing.factors.get(trace.signal) ?? 1)));
     }
   }
@@ -79,14 +83,15 @@ export class ChartPanel extends Panel {
     this.#legend?.replaceChildren(...ghost, ...this.chart.traces.map((trace) => {
       const look = style(this.chart, trace);
       const value = h('span', { class: 'value' });
-      this.#values.push({ node: value, trace });
-      return h('button', {
+      const line = h('button', {
         class: 'line', 'aria-pressed': String(!this.drawing.hidden.has(trace.signal)), title: this.#explain(trace),
         onclick: (/** @type {MouseEvent} */ event) => this.#toggle(trace, /** @type {HTMLElement} */ (event.currentTarget)),
       },
         svg('svg', { width: 18, height: 8, 'aria-hidden': 'true' },
           svg('line', { x1: 0, x2: 18, y1: 4, y2: 4, stroke: look.color, 'stroke-width': look.width + 0.5, 'stroke-dasharray': look.dash === 'solid' ? null : look.dash.replaceAll('px', '') })),
         h('span', { class: 'name' }, trace.label, trace.sigma && trace.role !== 'local' && h('small', {}, ' ±3σ')), value);
+      this.#values.push({ node: value, line, trace });
+      return line;
     }));
     this.read();
   }

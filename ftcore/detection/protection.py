@@ -70,7 +70,11 @@ def slopes(gain: Array, S: Array, valid: Mask) -> Array:
 
 
 def slope_level(slope: Array, lam: Array) -> Array:
-    """Horizontal protection level (...) [m]: the steepest slope times the least bias found; NaN without a test."""
+    """Horizontal protection level (...) [m]: the steepest slope times the least bias found; NaN without a test.
+
+    The noise of the position itself is left out, as is usual: with the worst bias the level is exceeded unnoticed some
+    times more often than ``p_md``. `separation_level` reckons with it.
+    """
     level: Array = slope.max(axis=-1, initial=0.0) * np.sqrt(lam)
     return np.where(np.isfinite(level), level, np.nan)
 

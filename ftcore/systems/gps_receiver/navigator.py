@@ -228,7 +228,7 @@ def _admissible(
     residual = np.where(alone, m.y, z) - np.matvec(m.H, x)
     variance = m.sigma**2 + np.vecdot(m.H @ P, m.H)
     like = (residual**2 <= chi_square.threshold(p_fa, 1) * variance) & resolved[:, None]
-    return m.valid & (like | ~held)
+    return np.asarray(m.valid & (like | ~held))
 
 
 def _agreement(prior: Bank, fixes: Fix, offset: Array, p_fa: float) -> Agreement:

@@ -97,13 +97,26 @@ def step(state: State, update: Update, Phi: Array, H: Array, ids: Ints, valid: M
     runs = len(update.gain)  # 1 where the covariances are common to all runs: then so are the signatures
     if runs <= BLOCK:
         return _step(state, update.whitener, update.whitened, update.gain, Phi, H, ids, valid)
-    arrays = (state.F, state.d, state.C, update.whitener, update.whitened, update.gain, Phi, H, valid)
     parts = []
     for start in range(0, runs, BLOCK):
-        F, d, C, *rest, here = (a if a is None or len(a) == 1 else a[start : start + BLOCK] for a in arrays)
-        parts.append(_step(replace(state, F=F, d=d, C=C), *rest, ids, here))
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("F", "d", "C")}
-    return replace(parts[0], **joined)
+
+        def here(array: Array, start: int = start) -> Array:
+            return array if len(array) == 1 else array[start : start + BLOCK]
+
+        parts.append(
+            _step(
+                replace(state, F=here(state.F), d=here(state.d), C=here(state.C)),
+                here(update.whitener),
+                here(update.whitened),
+                here(update.gain),
+                here(Phi),
+                here(H),
+                ids,
+                valid if valid is None or len(valid) == 1 else valid[start : start + BLOCK],
+            )
+        )
+    F, d, C = (np.concatenate([getattr(part, name) for part in parts]) for name in ("F", "d", "C"))
+    return replace(parts[0], F=F, d=d, C=C)
 
 
 def _step(

@@ -175,7 +175,7 @@ def test_given_a_fault_then_the_clean_readings_are_not_changed():
     ],
 )
 def test_given_a_fault_the_channel_cannot_take_then_it_is_refused_with_the_reason(wrong, field, says):
-    with pytest.raises(FaultError, match=".*") as refused:
+    with pytest.raises(FaultError) as refused:
         check(Fault(**({"channel": "a.q.1", "kind": "bias", "magnitude": 1.0, "start": 0.0} | wrong)), CHANNELS)
     assert refused.value.field == field
     assert says in str(refused.value)

@@ -228,7 +228,7 @@ def alike(degrees):
 
 @pytest.mark.parametrize("degrees", [3.0, 10.0])
 def test_given_satellites_that_look_alike_then_the_margin_keeps_the_innocent_from_being_accused(degrees):
-    """P(b accused in place of a) <= Q(sqrt(margin)), whatever the size of the fault; the least residual is unbounded."""
+    """P(b accused in place of a) <= Q(sqrt(margin)), whatever the fault; the least residual has no bound."""
     H, runs = alike(degrees), 10_000
     guessed = []
     for size in (40.0, 100.0, 200.0, 400.0, 1000.0, 4000.0):

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import httpx
 import toy_system as toy
 import uvicorn
 from fastapi.testclient import TestClient
@@ -94,11 +93,9 @@ def served(settings: Settings | None = None) -> Iterator[Served]:
     server = Served(settings or Settings())
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
-    with httpx.Client(base_url=server.base) as client:
-        for _ in range(200):
-            with contextlib.suppress(httpx.HTTPError):
-                client.get(f"{API}/health")
-                break
-    yield server
-    server.server.should_exit = True
-    thread.join(10.0)
+    wait_until(lambda: server.server.started, 20.0)
+    try:
+        yield server
+    finally:
+        server.server.should_exit = True
+        thread.join(10.0)

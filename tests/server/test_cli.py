@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -20,19 +21,28 @@ from ftcore import Scenario
 from server.cli import main
 from server.settings import REPOSITORY
 
+Command = Callable[..., tuple[object, str, str]]
 COMMAND = [sys.executable, "-c", "from server.cli import main; main()"]
-
-
-def ftlab(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *arguments], capture_output=True, text=True, env=os.environ | environment, timeout=60, cwd=REPOSITORY
-    )
 
 
 @pytest.fixture(autouse=True)
 def _nothing_set(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in os.environ if name == "PORT" or name.startswith("FTLAB_")]:
         monkeypatch.delenv(name)
+
+
+@pytest.fixture
+def ftlab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """The command in this process: arguments in, exit status, stdout and stderr out."""
+
+    def run(*arguments: str) -> tuple[object, str, str]:
+        monkeypatch.chdir(REPOSITORY)
+        monkeypatch.setattr(sys, "argv", ["ftlab", *arguments])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return left.value.code, *capsys.readouterr()
+
+    return run
 
 
 @pytest.fixture
@@ -65,55 +75,43 @@ def short(tmp_path: Path) -> str:
     ],
 )
 def test_what_a_person_got_wrong_is_one_line(
-    arguments: list[str],
-    environment: dict[str, str],
-    says: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    ftlab: Command, monkeypatch: pytest.MonkeyPatch, arguments: list[str], environment: dict[str, str], says: str
 ) -> None:
-    monkeypatch.chdir(REPOSITORY)
-    monkeypatch.setattr(sys, "argv", ["ftlab", *arguments])
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-
-    with pytest.raises(SystemExit) as left:
-        main()
-
-    said = capsys.readouterr()
-    assert left.value.code == 2
-    assert said.out == ""
-    assert len(said.err.splitlines()) == 1
-    assert said.err.startswith("ftlab: ")
-    assert says in said.err
+    status, out, err = ftlab(*arguments)
+    assert (status, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert err.startswith("ftlab: ")
+    assert says in err
 
 
-def test_a_scenario_that_is_wrong_inside_is_told_where(tmp_path: Path) -> None:
+def test_a_scenario_that_is_wrong_inside_is_told_where(ftlab: Command, tmp_path: Path) -> None:
     path = tmp_path / "wrong.json"
     path.write_text(json.dumps({"system": "sins-gps-doppler", "duration": -1}))
-    result = ftlab("run", str(path))
-    assert result.returncode == 2
-    assert "duration" in result.stderr
-    assert len(result.stderr.splitlines()) == 1
+    status, _, err = ftlab("run", str(path))
+    assert status == 2
+    assert "duration" in err
+    assert len(err.splitlines()) == 1
 
 
-def test_a_flight_from_the_command_line_writes_what_it_flew(short: str, tmp_path: Path) -> None:
-    result = ftlab("run", short, "--runs", "3", "--seed", "4", "--out", str(tmp_path / "out.parquet"))
-    assert result.returncode == 0, result.stderr
-    assert "position rms" in result.stdout
-    table = pq.read_table(tmp_path / "out.parquet")
-    assert table.num_rows == 3 * 5
-    assert ftlab("run", short, "--out", str(tmp_path / "out.csv")).returncode == 0
+def test_a_flight_from_the_command_line_writes_what_it_flew(ftlab: Command, short: str, tmp_path: Path) -> None:
+    status, out, _ = ftlab("run", short, "--runs", "3", "--seed", "4", "--out", str(tmp_path / "out.parquet"))
+    assert status == 0
+    assert "position rms" in out
+    assert pq.read_table(tmp_path / "out.parquet").num_rows == 3 * 5
+    assert ftlab("run", short, "--out", str(tmp_path / "out.csv"))[0] == 0
     assert (tmp_path / "out.csv").read_text().startswith('"time","run"')
-    assert ftlab("run", short, "--out", str(tmp_path / "out.html")).returncode == 0
+    assert ftlab("run", short, "--out", str(tmp_path / "out.html"))[0] == 0
     assert "Plotly" in (tmp_path / "out.html").read_text()
 
 
-def test_scenarios_and_version_are_listed() -> None:
-    assert "zhang-1992-visible" in ftlab("scenarios").stdout
-    assert ftlab("--version").stdout.startswith("ftlab ")
+def test_scenarios_and_version_are_listed(ftlab: Command) -> None:
+    assert "zhang-1992-visible" in ftlab("scenarios")[1]
+    assert ftlab("--version")[1].startswith("ftlab ")
 
 
-def test_it_serves_until_it_is_stopped() -> None:
+def test_it_serves_until_it_is_stopped(ftlab: Command) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -131,8 +129,8 @@ def test_it_serves_until_it_is_stopped() -> None:
                 assert httpx.get(f"http://127.0.0.1:{port}/api/v1/health").json()["status"] == "ok"
                 break
             time.sleep(0.1)
-        taken = ftlab("serve", "--port", str(port))
-        assert (taken.returncode, len(taken.stderr.splitlines())) == (2, 1)
+        status, _, taken = ftlab("serve", "--port", str(port))
+        assert (status, len(taken.splitlines())) == (2, 1)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=10)
     finally:

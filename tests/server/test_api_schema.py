@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from fastapi.testclient import TestClient
-from rest_lab import API, served
+from rest_lab import API, client_of, served
 
 from server.settings import Settings
 
@@ -36,6 +36,17 @@ def test_every_operation_says_what_it_does_and_how_it_refuses(client: TestClient
                 if status >= "400":
                     assert list(answer["content"]) == ["application/problem+json"]
     assert "HTTPValidationError" not in str(document)
+
+
+def test_a_guarded_server_says_that_it_wants_the_token() -> None:
+    bearer = {"authorization": "Bearer sesame"}
+    with client_of(Settings(token="sesame")) as client:
+        document = client.get(f"{API}/openapi.json", headers=bearer).json()
+    for methods in document["paths"].values():
+        for operation in methods.values():
+            wants = operation["operationId"] != "getHealth"
+            assert ("401" in operation["responses"]) == wants
+            assert ("security" in operation) == wants
 
 
 def test_schemathesis_finds_nothing(tmp_path: Path) -> None:

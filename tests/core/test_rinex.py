@@ -313,31 +313,42 @@ def test_given_the_real_log_without_a_fault_then_the_error_is_that_of_a_good_rec
 @real
 def test_given_the_operators_fault_then_it_lies_over_the_real_pseudorange_and_only_there(scenario):
     healthy, broken = Simulation(scenario), Simulation(scenario)
-    broken.inject(Fault(channel="gps.pseudorange.G11", kind="bias", magnitude=100.0, start=20.0, end=60.0))
-    healthy.advance(until=70.0)
-    broken.advance(until=70.0)
+    second = broken.period
+    broken.inject(
+        Fault(channel="gps.pseudorange.G11", kind="bias", magnitude=100.0, start=20.0 * second, end=60.0 * second)
+    )
+    healthy.advance(epochs=70)
+    broken.advance(epochs=70)
     error = healthy["unprotected.error.position.horizontal"]
     assert np.abs(broken["unprotected.error.position.horizontal"][25:55] - error[25:55]).min() > 10.0
     assert (
         np.abs(broken["combined.error.position.horizontal"] - healthy["combined.error.position.horizontal"]).max() < 5
     )
     named = [(e.time, e.subject) for e in broken.events if e.kind == "subsystem.isolated"]
-    assert named == [(21.0, "gps.G11")]
+    assert named == [(21.0 * second, "gps.G11")]
     assert [e.subject for e in broken.events if e.kind == "subsystem.readmitted"] == ["gps.G11"]
-    view = broken.view(at=40.0)
+    view = broken.view(at=40.0 * second)
     assert view.items["satellite.G11"].health == "isolated"
     assert view.items["satellite.G07"].health == "ok"
     assert not view.items["satellite.A1"].visible
 
 
 @real
-def test_given_the_end_of_the_log_then_there_is_no_fix_and_it_says_so(scenario):
-    sim = Simulation(scenario.model_copy(update={"duration": 123.0})).advance()
-    assert (sim["snapshot.status"][-3:] == 4.0).all()
-    assert (sim["combined.stanford"][-3:] == 3.0).all()
-    assert [e.time for e in sim.events if e.kind == "integrity.no-fix" or e.kind == "integrity.cannot-detect"] == [
-        121.0
-    ]
+def test_given_the_end_of_the_log_then_there_is_no_fix_and_it_says_so(log):
+    p = Parameters(log=Log(observation="o", navigation="n", antenna=ANTENNA))
+    assert p.log is not None
+    plant, navigator = LogPlant(log, p.log, 1, 1.0), Navigator(p, 1, log.interval)
+    controls = Controls({"gps": True}, Settings())
+    plant_state, state = plant.initial(), navigator.initial(controls)
+    codes, kinds = [], []
+    for epoch in range(118, 124):
+        plant_state, _, readings = plant.step(plant_state, epoch, None)
+        state, output = navigator.step(state, readings, controls)
+        codes.append(output.detail.status[0].tolist())
+        kinds += [notice.kind for notice in output.notices]
+    assert [c[0] for c in codes] == [0, 0, 0, 4, 4, 4]
+    assert all(c[2] > 1 for c in codes[3:])
+    assert kinds[-1] == "integrity.cannot-detect"
 
 
 @real

@@ -34,8 +34,8 @@ QUIET = (
     b"<script>for (const kind of ['error', 'unhandledrejection']) addEventListener(kind, (event) => {"
     b"if ((event.reason ?? event.error) instanceof EvalError) event.preventDefault(); });</script>"
 )
-"""viser's sorter of Gaussian splats, which no scene here has, builds itself by evaluating strings. The policy forbids that,
-rightly; this keeps the browser from reporting it as an error of the page."""
+"""viser's sorter of Gaussian splats, which no scene here has, builds itself by evaluating strings. The policy forbids
+that, rightly; this keeps the browser from reporting it as an error of the page."""
 _PASSED_CLOSE_CODES = (1000, 1001, 1002, 1003, 1008, 1011)
 
 router = APIRouter(include_in_schema=False)

@@ -22,7 +22,6 @@ a likelihood ratio of two single-fault hypotheses with unknown sizes (FTLab).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -166,7 +165,6 @@ def isolate(c: Consistency, p_fa: float, least_dof: Ints | int = 1, separation: 
 
 NDArrayInt8 = np.ndarray[tuple[int, ...], np.dtype[np.int8]]
 _Stage = tuple[Ints, Mask]
-_Choice = Callable[[Array, Array], Array]
 
 
 def _candidates(c: Consistency) -> Mask:

@@ -148,7 +148,9 @@ def switch(operator: Operator, subsystem: str, enabled: bool) -> Operator:
 def configure(operator: Operator, form: type[Form], settings: Mapping[str, Any]) -> Operator:
     """Change settings of the system."""
     try:
-        new = form.model_validate(operator.settings.model_dump() | dict(settings))
+        new = form.strictly(operator.settings.model_dump() | dict(settings))
+    except TypeError as error:
+        raise CommandError("settings", f"settings are numbers, texts, true or false: {error}") from None
     except ValidationError as error:
         known = ", ".join(form.model_fields)
         raise refusal(error, "settings", f"; settings are {known}") from None

@@ -82,7 +82,7 @@ class Scenario(Strict):
     source: str = Field(default="", max_length=300, description="the paper, or FTLab")
     featured: bool = Field(default=False, description="listed first; a first-time visitor lands on the first of these")
     system: str = Field(description="id of the system that flies")
-    seed: int = Field(default=1, ge=0, lt=2**63)
+    seed: int = Field(default=1, ge=0, lt=2**53, description="a whole number that a browser can hold too")
     duration: float = Field(default=100.0, gt=0.0, le=36000.0, json_schema_extra={"unit": "s"})
     parameters: dict[str, Any] = Field(default_factory=dict, description="fixed at the start; schema: the system's")
     settings: dict[str, Any] = Field(default_factory=dict, description="changeable in flight; schema: the system's")
@@ -105,7 +105,7 @@ class Scenario(Strict):
         system = SYSTEMS.get(info.data.get("system", ""))
         if system is not None:
             form = system.Parameters if info.field_name == "parameters" else system.Settings
-            form.model_validate(value)
+            form.strictly(value)
         return value
 
     @model_validator(mode="after")

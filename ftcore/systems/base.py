@@ -7,9 +7,10 @@ returns a new one. The simulation knows systems only through the protocols of th
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,11 @@ class Form(BaseModel):
     """Base of every system's parameters and settings: immutable, strict about fields and numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def strictly(cls, values: Mapping[str, Any]) -> Self:
+        """The form from JSON-like values, without guessing: a number is no text. Raises pydantic's ValidationError."""
+        return cls.model_validate_json(json.dumps(dict(values)), strict=True)
 
 
 @dataclass(frozen=True)

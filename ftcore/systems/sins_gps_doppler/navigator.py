@@ -234,8 +234,8 @@ class Navigator:
             clock_frequency=a.clock_frequency_noise,
         )
         F = ins_error.system_matrix(interval)
-        # The altimeter's own height, not the strapdown's: that one wanders by 100 m while it is being damped, and with it
-        # bias and scale factor would look separable in level flight, which they are not.
+        # The altimeter's own height, not the strapdown's: that one wanders by 100 m while it is being damped, and with
+        # it bias and scale factor would look separable in level flight, which they are not.
         D = ins_error.damping_transition(height, EPOCH, k1, k2)
         Phi = D @ ins_error.transition(F, EPOCH)
         Q = D @ ins_error.process_noise(F, ins_error.noise_density(interval, densities), EPOCH) @ D.swapaxes(-1, -2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ from ftcore.systems.sins_gps_doppler.names import AIDS, AXES, CLUSTERS, SLOTS, S
 
 Array = NDArray[np.float64]
 
+LEVEL = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
+"""Body to level for level flight to the north: what is shown before the first epoch."""
 INS_OF_ESTIMATOR = [0, 0, 0, 1]
 """fused, gps and doppler correct the protected strapdown, unprotected its own."""
 
@@ -225,7 +228,7 @@ class Reporter:
         if truth is not None:
             items["aircraft"] = ItemView(rotation=_quaternion(truth.C_nb[0]))
         else:
-            items["aircraft"] = ItemView(rotation=(1.0, 0.0, 0.0, 0.0))
+            items["aircraft"] = ItemView(rotation=LEVEL)
         return items
 
 

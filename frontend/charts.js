@@ -91,12 +91,14 @@ export class Drawing {
       const y = pick(column, rows, 1 / this.#scale(trace.signal));
       // Nothing at or below zero has a place on a logarithmic axis; a gap is more honest than a plunge.
       if (this.chart.scale === 'log') for (let i = 0; i < y.length; i += 1) if (y[i] <= 0) y[i] = NaN;
+      const silent = y.length > 0 && !y.some(Number.isFinite);
+      if (silent) this.empty.add(trace.signal);
+      else this.empty.delete(trace.signal);
+      if (silent) continue;
       const look = style(this.chart, trace);
       const drawn = line(pick(time, rows, 1), y, look);
       data.push(this.chart.stacked ? { ...drawn, stackgroup: 'all', fillcolor: tint(look.color, 0.5), line: { ...drawn.line, width: 1 } } : drawn);
       extents.push(y);
-      if (y.length && !y.some(Number.isFinite)) this.empty.add(trace.signal);
-      else this.empty.delete(trace.signal);
     }
     const axis = this.#axis(extents, ends);
     this.#yRange = axis.range;

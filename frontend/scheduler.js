@@ -18,6 +18,8 @@ const LONGEST_REST = 400;
 const dirty = new Set();
 /** @type {Map<string, () => void>} */
 const waiting = new Map();
+/** Frames can fail to come, where the 3-D scene is drawn in software; then the state moves on without them [ms]. */
+const PATIENCE = 300;
 let asked = false;
 let urgent = false;
 let next = 0;
@@ -44,15 +46,27 @@ function ask() {
   if (asked || (!dirty.size && !waiting.size)) return;
   asked = true;
   const wait = urgent ? 0 : next - performance.now();
-  if (wait > 17) setTimeout(() => requestAnimationFrame(beat), wait - 16);
-  else requestAnimationFrame(beat);
+  if (wait > 17) setTimeout(frame, wait - 16);
+  else frame();
+}
+
+function frame() {
+  const late = setTimeout(settle, PATIENCE);
+  requestAnimationFrame(() => {
+    clearTimeout(late);
+    beat();
+  });
+}
+
+function settle() {
+  for (const act of [...waiting.values()]) act();
+  waiting.clear();
 }
 
 function beat() {
   asked = false;
   const started = performance.now();
-  for (const act of [...waiting.values()]) act();
-  waiting.clear();
+  settle();
   for (const thing of [...dirty].filter((one) => one.visible)) {
     dirty.delete(thing);
     thing.paint();

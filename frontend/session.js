@@ -15,6 +15,8 @@ export const recorded = new EventTarget();
 export const happened = new EventTarget();
 
 const SCORE_EVERY = 2500;
+/** The server streams no more signals than this to one page. */
+const MOST_SIGNALS = 500;
 /** Beyond this many epochs the server thins its recording, and counting rows says nothing. */
 const LONGEST = 30000;
 
@@ -40,7 +42,7 @@ export function wanted() {
       if (trace.sigma) names.add(trace.sigma);
     }
   }
-  return /** @type {string[]} */ ([...names]);
+  return /** @type {string[]} */ ([...names].slice(0, MOST_SIGNALS));
 }
 
 /**

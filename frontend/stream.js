@@ -14,7 +14,8 @@ import { streamAddress } from './api.js';
  * @property {(link: 'connecting' | 'open' | 'lost' | 'gone', again: boolean) => void} link
  */
 
-const GONE = [4404, 4410, 1008];
+/** Close codes: no such experiment, or it was deleted. */
+const GONE = [4404, 4410];
 const LONGEST_WAIT = 4000;
 
 export class Stream {

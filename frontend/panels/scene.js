@@ -10,6 +10,10 @@ const SETTLE = 400;
 export class Scene extends Panel {
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #timer;
+  /** @type {ReturnType<typeof setInterval> | undefined} */
+  #poll;
+  /** @type {Document | null} */
+  #paced = null;
   /** @type {string | null} */
   #wanted = null;
   #shown = sessionStorage.getItem('scene') !== 'off';
@@ -60,6 +64,8 @@ export class Scene extends Panel {
       if (!this.frame || this.#wanted !== address) return;
       this.#wanted = null;
       this.frame.src = address;
+      clearInterval(this.#poll);
+      this.#poll = setInterval(() => this.#pace(), 20);
       this.#timer = setTimeout(() => this.#unavailable(), PATIENCE);
     });
   }
@@ -71,12 +77,22 @@ export class Scene extends Panel {
     const scene = page?.querySelector('script, canvas, #root');
     if (!scene) return this.#unavailable();
     clearTimeout(this.#timer);
-    if (this.frame.contentWindow) govern(/** @type {Window & typeof globalThis} */ (this.frame.contentWindow));
+    this.#pace();
     this.frame.hidden = false;
+  }
+
+  /** Paces the frame from the moment its page is there, before it draws anything. */
+  #pace() {
+    const page = this.frame?.contentDocument;
+    if (!page || !page.URL.includes('/scene/') || this.#paced === page) return;
+    clearInterval(this.#poll);
+    this.#paced = page;
+    if (page.defaultView) govern(page.defaultView);
   }
 
   #unavailable() {
     clearTimeout(this.#timer);
+    clearInterval(this.#poll);
     if (!this.frame || !this.status) return;
     this.frame.hidden = true;
     fill(this.status, 'Scene unavailable. The diagram tells the same. ', h('button', { class: 'mini', onclick: () => this.#load() }, 'Try again'));

@@ -19,7 +19,7 @@ from ftcore.description import (
 )
 from ftcore.faults import ALL_KINDS
 from ftcore.systems.gps_receiver.forms import Parameters, Settings
-from ftcore.systems.gps_receiver.names import EPOCH, ESTIMATORS, PRNS, SATELLITES, SUBJECTS, TESTS
+from ftcore.systems.gps_receiver.names import EPOCH, ESTIMATORS, PRNS, SATELLITES, SLOTS, SUBJECTS, TESTS
 
 _ROLES: Final[dict[str, Literal["protected", "local", "unprotected"]]] = {
     "snapshot": "local",
@@ -112,9 +112,9 @@ def _signals() -> list[Signal]:
         for part in ("statistic", "threshold", "dof", "alarm"):
             label = f"{_TEST_LABELS[test]}, {_subject_label(subject)}: {part}"
             add(f"test.{test}.{subject}.{part}", label, "1", "test")
-    add("protection.horizontal", "horizontal protection level", "m", "integrity")
-    add("protection.slope", "horizontal protection level, slope", "m", "integrity")
-    add("protection.separation", "horizontal protection level, solution separation", "m", "integrity")
+    add("protection.horizontal", "horizontal protection level of the combined solution's satellites", "m", "integrity")
+    add("protection.slope", "the same by slope", "m", "integrity")
+    add("protection.separation", "the same by solution separation", "m", "integrity")
     add("protection.alert", "alert limit", "m", "integrity")
     add("gps.hdop", "HDOP", "1", "geometry")
     add("gps.dof", "degrees of freedom of the snapshot", "1", "geometry")
@@ -166,9 +166,19 @@ def _test_chart(test: str, shown: bool = False) -> Chart:
     )
 
 
-def _satellite_chart(id: str, title: str, unit: str, group: str, stem: str, shown: bool = False) -> Chart:
-    traces = tuple(Trace(signal=stem.format(name), label=name) for name in SATELLITES)
-    return Chart(id=id, title=title, unit=unit, group=group, traces=traces, shown=shown)
+def _satellite_charts(id: str, title: str, unit: str, group: str, stem: str, shown: bool = False) -> list[Chart]:
+    """One chart for the simulated satellites and one for those of a log."""
+    return [
+        Chart(
+            id=id + suffix,
+            title=title + words,
+            unit=unit,
+            group=group,
+            traces=tuple(Trace(signal=stem.format(name), label=name) for name in names),
+            shown=shown and not suffix,
+        )
+        for names, suffix, words in ((SLOTS, "", ""), (PRNS, "-log", ", log"))
+    ]
 
 
 def _charts() -> list[Chart]:
@@ -193,23 +203,23 @@ def _charts() -> list[Chart]:
         _error_chart("horizontal", "Horizontal error and protection level", shown=True),
         _test_chart("snapshot", shown=True),
         _test_chart("innovation", shown=True),
-        _satellite_chart(
+        *_satellite_charts(
             "residuals", "Residual of each satellite, in sigmas", "1", "residuals", "residual.snapshot.{}", shown=True
         ),
-        _satellite_chart(
+        *_satellite_charts(
             "innovations", "Innovation of each satellite, in sigmas", "1", "residuals", "residual.innovation.{}"
         ),
         Chart(id="protection", title="Protection levels", unit="m", group="integrity", traces=levels),
         each("stanford", "Stanford class (nominal 0, MI 1, HMI 2, unavailable 3)", "stanford", "integrity"),
         each("status", "Status (ok 0, excluded 1, cannot isolate 2, cannot detect 3)", "status", "integrity"),
-        _satellite_chart("detectable", "Minimal detectable bias", "m", "integrity", "detectable.{}"),
+        *_satellite_charts("detectable", "Minimal detectable bias", "m", "integrity", "detectable.{}"),
         _error_chart("east", "East position error"),
         _error_chart("north", "North position error"),
         _error_chart("up", "Height error"),
         _test_chart("parity"),
         _test_chart("agreement"),
         Chart(id="geometry", title="Satellites and geometry", unit="1", group="geometry", traces=geometry),
-        _satellite_chart("elevation", "Elevation", "deg", "geometry", "elevation.{}"),
+        *_satellite_charts("elevation", "Elevation", "deg", "geometry", "elevation.{}"),
     ]
 
 

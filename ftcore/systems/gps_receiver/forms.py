@@ -102,11 +102,11 @@ class Settings(Form):
         json_schema_extra={"unit": "1"},
     )
     alert_limit: float = Field(
-        default=100.0,
+        default=120.0,
         gt=0.0,
         le=1e5,
         title="Alert limit",
-        description="a larger protection level makes the position unavailable",
+        description="a larger protection level makes the position unavailable; 120 m allows one exclusion over Seoul",
         json_schema_extra={"unit": "m"},
     )
     protection: Literal["slope", "separation"] = Field(

@@ -17,6 +17,7 @@ from ftcore.systems.gps_receiver.names import ESTIMATORS, SATELLITES, SUBJECTS, 
 
 Array = NDArray[np.float64]
 
+COMBINED = list(ESTIMATORS).index("combined")
 LINE = 2.2
 """Length of a line of sight in the scene."""
 _STATUS = ("consistent", "satellites excluded", "cannot isolate", "cannot detect", "no fix")
@@ -91,9 +92,9 @@ class Reporter:
         p = detail.protection
         receiver = np.stack(
             [
-                level[:, 0],
-                p.slope[:, 0],
-                p.separation[:, 0],
+                level[:, COMBINED],
+                p.slope[:, COMBINED],
+                p.separation[:, COMBINED],
                 np.full(runs, detail.alert_limit),
                 detail.hdop,
                 detail.dof.astype(np.float64),
@@ -172,11 +173,9 @@ def _blocks(
         error = f"{errors[i]:.0f} m off" if np.isfinite(errors[i]) else "no answer"
         return BlockView(health="suspect" if doubt else "ok", text=_STATUS[code] if doubt else error)
 
-    level = float(detail.protection.level[0, 0])
-    good = status["combined"] <= raim.EXCLUDED and np.isfinite(errors[2])
-    stanford_class = int(
-        stanford(errors[2:3], detail.protection.level[0, 2:3], detail.alert_limit, np.array([good]))[0]
-    )
+    level = float(detail.protection.level[0, COMBINED])
+    good = np.array(status["combined"] <= raim.EXCLUDED)
+    stanford_class = int(stanford(errors[COMBINED], np.array(level), detail.alert_limit, good))
     return {
         "satellites": BlockView(
             health="faulted" if broken else "ok", text=f"{in_view} in view" + (f", {broken} faulted" if broken else "")

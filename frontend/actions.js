@@ -60,6 +60,13 @@ export const pause = () => attempt(() => send(commands.clock(id(), { state: 'pau
 
 export const toggle = () => (clockState() === 'running' ? pause() : run());
 
+/** As toggle, for a key that is pressed without looking: a flight that is over is not flown anew by accident. */
+export const toggleUnlessOver = () => {
+  if (clockState() !== 'finished') return toggle();
+  say({ tone: 'info', text: 'The flight is over. Look back with the arrows, rewind, branch,', action: { label: 'or run it again', run } });
+  return Promise.resolve();
+};
+
 /** @param {number | 'max'} speed */
 export const setSpeed = (speed) => attempt(() => send(commands.clock(id(), { speed })));
 

@@ -128,7 +128,9 @@ async function reloadEvents() {
   const id = store.get().experiment?.id;
   if (!id) return;
   const events = await read.events(id).catch(() => null);
-  if (events && store.get().experiment?.id === id) store.set({ events });
+  if (!events || store.get().experiment?.id !== id) return;
+  // What the stream told meanwhile is newer than the answer.
+  store.set(({ events: heard }) => ({ events: [...events, ...heard.filter((event) => event.index >= events.length)] }));
 }
 
 async function view() {

@@ -2,11 +2,11 @@
 import { Panel, h } from '../dom.js';
 import { SPEEDS } from '../session.js';
 import { store } from '../store.js';
-import { back, branch, clearAll, look, openDialog, rewind, setSpeed, setTheme, shareLink, step, toggle, toggleChart, toggleGhost, zoomTo } from '../actions.js';
+import { back, branch, clearAll, look, openDialog, rewind, setSpeed, setTheme, shareLink, step, toggleChart, toggleGhost, toggleUnlessOver, zoomTo } from '../actions.js';
 
 /** @type {{keys: string[], what: string, act: (event: KeyboardEvent) => unknown}[]} */
 const KEYS = [
-  { keys: [' '], what: 'run or pause', act: toggle },
+  { keys: [' '], what: 'run or pause', act: toggleUnlessOver },
   { keys: ['ArrowRight'], what: 'one epoch on: fly it when live, look at it when scrubbed back (Shift: ten)', act: (e) => move(e.shiftKey ? 10 : 1) },
   { keys: ['ArrowLeft'], what: 'look one epoch back (Shift: ten)', act: (e) => move(e.shiftKey ? -10 : -1) },
   { keys: ['[', ']'], what: 'rewind by one epoch, fly one epoch', act: (e) => (e.key === '[' ? back() : step()) },

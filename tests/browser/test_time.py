@@ -152,3 +152,35 @@ def test_the_log_is_filtered_and_leads_to_the_moment(lab: Lab) -> None:
     expect(event.locator(".why")).to_contain_text(">")
     event.click()
     expect(lab.page.locator("ft-timeline .past")).to_be_visible()
+
+
+def test_a_run_can_be_taken_away(lab: Lab, tmp_path: Path) -> None:
+    lab.fly_until(20.0)
+    for item, ending, opening in (
+        ("Data, CSV", "csv", b'"time"'),
+        ("Data, Parquet", "parquet", b"PAR1"),
+        ("Scenario with commands, JSON", "json", b"{"),
+    ):
+        lab.page.get_by_role("button", name="Export", exact=True).click()
+        with lab.page.expect_download() as download:
+            lab.page.get_by_role("button", name=item).click()
+        assert download.value.suggested_filename == f"ftlab-{lab.id}.{ending}"
+        download.value.save_as(tmp_path / ending)
+        assert (tmp_path / ending).read_bytes().startswith(opening)
+    lab.page.get_by_role("button", name="Export", exact=True).click()
+    with lab.page.context.expect_page() as report:
+        lab.page.get_by_role("button", name="Report").click()
+    expect(report.value.locator("body")).to_contain_text("Score", timeout=30_000)
+    report.value.close()
+
+
+def test_a_flight_that_is_over_is_not_flown_anew_by_a_key(lab: Lab) -> None:
+    lab.without_scene()
+    lab.fly_until(100.0)
+    lab.page.locator("ft-charts .scroller").focus()
+    lab.page.keyboard.press("Space")
+    expect(lab.page.locator(".toast")).to_contain_text("The flight is over")
+    assert lab.now == 100.0
+    lab.page.get_by_role("button", name="or run it again").click()
+    expect(lab.page.locator("ft-topbar .play")).to_have_text("Pause")
+    assert lab.now < 100.0

@@ -23,7 +23,7 @@ _PACKED: Final = (b"\x1f\x8b", b"BZh", b"PK", b"\x1f\x9d", b"7z", b"\xfd7zXZ")
 
 
 class LogError(ValueError):
-    """A log that cannot be used; the message is one sentence for a person, ``field`` the scenario's part it is about."""
+    """A log that cannot be used; the message is one sentence for a person, ``field`` the scenario's part at fault."""
 
     field = "parameters.log"
 

@@ -30,6 +30,10 @@ KINDS = (
     "filter.reset",
     "imu.reconfigured",
     "channel.named",
+    "integrity.cannot-isolate",
+    "integrity.cannot-detect",
+    "integrity.no-fix",
+    "integrity.restored",
 )
 
 

@@ -180,9 +180,9 @@ def _fault_score(
         readmit, _ = _first(events, "subsystem.readmitted", lambda e: concerns(e.subject, sensor), fault.end, now, runs)
     lo, hi = np.searchsorted(recording.time, [start - 1e-9, end + 1e-9])
     worst = {
-        name: float(np.nanmax(np.abs(recording.rows[lo:hi, :, recording.column[name]])))
+        name: worst
         for name in description.score_headline
-        if hi > lo
+        if (worst := _worst(recording.rows[lo:hi, :, recording.column[name]])) is not None
     }
     unit = fault.unit or KINDS[fault.kind].unit(channels[fault.channel].unit)
     size = "" if unit is None else f" {fault.magnitude:g} {unit}"
@@ -224,15 +224,23 @@ def _test_score(
     )
 
 
+def _worst(values: Array) -> float | None:
+    """Largest absolute value; None where there is no number at all."""
+    return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else None
+
+
 def _estimator_score(name: str, recording: Recording) -> EstimatorScore:
     lo = int(np.searchsorted(recording.time, SETTLING - 1e-9))
     rows = recording.rows[lo:] if len(recording) > lo else recording.rows
 
     def error(quantity: str) -> ErrorScore:
-        columns = [i for n, i in recording.column.items() if n.startswith(f"{name}.error.{quantity}.")]
+        prefix = f"{name}.error.{quantity}."
+        columns = [i for n, i in recording.column.items() if n.startswith(prefix) and not n.endswith(".horizontal")]
         if not columns or not len(rows):
             return ErrorScore(rms=None, worst=None)
         squared = np.sum(rows[:, :, columns] ** 2, axis=-1)
+        if not np.isfinite(squared).any():
+            return ErrorScore(rms=None, worst=None)
         return ErrorScore(rms=float(np.sqrt(np.nanmean(squared))), worst=float(np.sqrt(np.nanmax(squared))))
 
     column = recording.column.get(f"{name}.nees")
@@ -276,7 +284,7 @@ def _headline(
         since = min((f.start for f in faults), default=SETTLING)
         lo = int(np.searchsorted(recording.time, since - 1e-9))
         rows = recording.rows[lo:] if len(recording) > lo else recording.rows
-        worst = [float(np.nanmax(np.abs(rows[:, :, recording.column[n]]))) for n in (mine, twin)]
+        worst = [_worst(rows[:, :, recording.column[n]]) for n in (mine, twin)]
         signal = recording.signals[mine]
         items.append(
             Headline(

@@ -71,6 +71,7 @@ class Simulation:
 
     Raises:
         ValueError: runs, seed or max_epochs out of range.
+        CommandError: parameters that no system can be put together from.
     """
 
     def __init__(
@@ -95,7 +96,11 @@ class Simulation:
         self._noise = NoiseSource(self.seed, range(first_run, first_run + runs))
         self._channels = addresses(self.description)
         parameters = system.Parameters.model_validate(scenario.parameters)
-        self._assembly = system.assemble(parameters, self.duration, self._noise.runs, self._noise)
+        try:
+            self._assembly = system.assemble(parameters, self.duration, self._noise.runs, self._noise)
+        except ValueError as error:
+            # What only shows when the parts are put together, a receiver's log that cannot be read for instance.
+            raise CommandError(getattr(error, "field", "parameters"), str(error)) from error
         enabled = {s.name: scenario.subsystems.get(s.name, True) for s in self.description.subsystems}
         self._operator = Operator((), enabled, system.Settings.model_validate(scenario.settings))
         tests, subjects = len(self._assembly.tests), len(self._assembly.subjects)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import os
 import sys
 from collections.abc import AsyncIterator, Iterator
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
+from ftcore.sensors import rinex
 from server import pages, problems, scene_proxy
 from server.limits import BodyLimit
 from server.openapi import describe
@@ -23,6 +26,10 @@ from server.settings import Settings
 
 SWITCH_INTERVAL = 0.001
 """How long [s] a flight may keep the interpreter when the event loop wants it; Python's own is five times that."""
+
+
+NO_FOLDER = Path(os.devnull)
+"""A scenario that comes over the network names no file of this machine; there is no upload yet, so no file at all."""
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -37,6 +44,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         app.openapi()  # takes a while, so not at someone's first request
+        rinex.restrict(NO_FOLDER)
         with _undisturbed():
             app.state.registry = ExperimentRegistry(settings)
             app.state.scenes = Scenes()
@@ -45,6 +53,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
             finally:
                 await app.state.scenes.close()
                 await app.state.registry.close()
+                rinex.restrict(None)
 
     app = FastAPI(
         title="FTLab",

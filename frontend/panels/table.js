@@ -1,7 +1,7 @@
 /** The numbers behind a chart, as a table that can be read aloud, copied and kept. */
 import { Panel, fill, h } from '../dom.js';
 import { file, seriesPath } from '../api.js';
-import { clock, decimalsOf, number, unitText } from '../format.js';
+import { clock, decimalsOf, unitText } from '../format.js';
 import { searchAfter } from '../recording.js';
 import { recording } from '../session.js';
 import { store } from '../store.js';
@@ -25,13 +25,17 @@ export class TablePanel extends Panel {
     const stride = Math.max(1, Math.ceil((to - from) / MOST));
     const columns = chart.traces.flatMap((t) => [{ name: t.signal, label: t.label }, ...(t.sigma ? [{ name: t.sigma, label: `${t.label} 1σ` }] : [])]);
     const factors = new Map(description?.signals.map((s) => [s.name, s.factor]));
+    const shown = columns.map(({ name }) => {
+      const values = (recording.column(name) ?? new Float64Array(to)).map((v) => v / (factors.get(name) ?? 1));
+      return { values, places: placesOf(values.subarray(from, to)) };
+    });
     const decimals = decimalsOf(description?.epoch ?? 1);
     const unit = unitText(chart.unit);
     /** @type {HTMLTableRowElement[]} */
     const rows = [];
     for (let i = from; i < to; i += stride) {
       rows.push(h('tr', {}, h('th', { scope: 'row' }, clock(recording.time[i], decimals)),
-        ...columns.map(({ name }) => h('td', {}, number((recording.column(name)?.[i] ?? NaN) / (factors.get(name) ?? 1), 4)))));
+        ...shown.map(({ values, places }) => h('td', {}, fixed(values[i], places)))));
     }
     const caption = `${rows.length} of ${to - from} epochs from ${clock(range[0])} to ${clock(Math.min(range[1], now))}${stride > 1 ? `, every ${stride}th` : ''}${unit ? `; values in ${unit}` : ''}`;
     fill(this.dialog ?? this,
@@ -49,6 +53,17 @@ export class TablePanel extends Panel {
       if (line) look(recording.time[from + rows.indexOf(line) * stride]);
     });
   }
+}
+
+/** Decimals that give the greatest value of a column four digits. @param {Float64Array} values */
+function placesOf(values) {
+  const greatest = values.reduce((most, v) => (Math.abs(v) > most ? Math.abs(v) : most), 0);
+  return greatest > 0 ? Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(greatest)))) : 0;
+}
+
+/** @param {number} value @param {number} places */
+function fixed(value, places) {
+  return Number.isFinite(value) ? value.toFixed(places).replace('-', '−') : '–';
 }
 
 customElements.define('ft-table', TablePanel);

@@ -23,6 +23,12 @@ INJECT_AND_WAIT = """() => new Promise((done) => {
 })"""
 
 
+COUNT_DRAWINGS = """() => {
+  const react = window.Plotly.react;
+  window.drawings = 0;
+  window.Plotly.react = (...figure) => { window.drawings += 1; return react(...figure); };
+}"""
+
 ROUNDS = 3
 """A figure counts if one of so many rounds reaches it: others may use the machine meanwhile."""
 
@@ -70,22 +76,26 @@ def test_ten_live_charts_leave_half_of_the_main_thread(lab: Lab) -> None:
     )
     assert shown == 10
     expect(page.locator("ft-charts .chart")).to_have_count(10)
-    page.wait_for_timeout(4000)
-    lab.run()
+    page.evaluate(COUNT_DRAWINGS)
     session = page.context.new_cdp_session(page)
     session.send("Performance.enable", {"timeDomain": "threadTicks"})
 
-    def spent() -> tuple[float, float]:
+    def spent() -> tuple[float, float, int]:
         metrics = {m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}
-        return metrics["TaskDuration"], page.evaluate("performance.now()") / 1000.0
+        return metrics["TaskDuration"], page.evaluate("performance.now()") / 1000.0, page.evaluate("window.drawings")
 
-    page.wait_for_timeout(500)
-    (before, start) = spent()
-    page.wait_for_timeout(5000)
-    (after, end) = spent()
-    share = (after - before) / (end - start)
-    print(f"main thread busy {share:.0%} with ten live charts at 10x")
+    lab.run()
+    drawings, share = 0, 1.0
+    for _ in range(ROUNDS):  # the first may see the scene being compiled, and no frame come
+        before, start, drawn = spent()
+        page.wait_for_timeout(5000)
+        after, end, all_drawn = spent()
+        drawings, share = all_drawn - drawn, (after - before) / (end - start)
+        print(f"main thread busy {share:.0%} with ten live charts at 10x, {drawings} drawn in {end - start:.1f} s")
+        if drawings >= 20 and share <= 0.5:
+            break
     assert lab.experiment()["clock"]["state"] == "running"
+    assert drawings >= 20, "the charts were not live"
     assert share <= 0.5
 
 

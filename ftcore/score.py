@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from ftcore import units
 from ftcore.description import SystemDescription
 from ftcore.events import Event
 from ftcore.faults import KINDS, ChannelAddress, Fault
@@ -224,6 +225,11 @@ def _test_score(
     )
 
 
+def _shown(value: float | None, unit: str) -> float | None:
+    """A number in SI in the unit that a person reads."""
+    return None if value is None else units.from_si(value, unit)
+
+
 def _worst(values: Array) -> float | None:
     """Largest absolute value; None where there is no number at all."""
     return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else None
@@ -289,11 +295,11 @@ def _headline(
         items.append(
             Headline(
                 label=description.score_label,
-                value=worst[0],
+                value=_shown(worst[0], signal.unit),
                 unit=signal.unit,
                 note="since the first fault" if faults else "since the filters settled",
                 compare_label=description.estimators.get(twin.split(".")[0], twin),
-                compare=worst[1],
+                compare=_shown(worst[1], signal.unit),
             )
         )
     consistent = next(((n, e) for n, e in estimators.items() if e.nees is not None), None)

@@ -311,7 +311,7 @@ def _headline(
                 label="Consistency (NEES / dof)",
                 value=value,
                 unit="",
-                note=f"{name}; 1 is consistent, less is cautious",
+                note="1 is consistent",
             )
         )
     return items

@@ -1,11 +1,27 @@
 """The F-16 of Stevens and Lewis: nonlinear flight dynamics, trim, linear model and regulator."""
 
-from ftcore.world.aircraft.dynamics import CONTROLS, GRAVITY, STATES, Aircraft, C, S, derivative, f16, step
+from ftcore.world.aircraft.dynamics import (
+    CONTROL_MAX,
+    CONTROL_MIN,
+    CONTROLS,
+    GRAVITY,
+    STATES,
+    Aircraft,
+    C,
+    S,
+    derivative,
+    f16,
+    power_command,
+    power_rate,
+    step,
+)
 from ftcore.world.aircraft.tables import FOOT
 from ftcore.world.aircraft.trim import REGULATED, Trim, linearise, lqr, regulator, trim
 
 __all__ = [
     "CONTROLS",
+    "CONTROL_MAX",
+    "CONTROL_MIN",
     "FOOT",
     "GRAVITY",
     "REGULATED",
@@ -18,6 +34,8 @@ __all__ = [
     "f16",
     "linearise",
     "lqr",
+    "power_command",
+    "power_rate",
     "regulator",
     "step",
     "trim",

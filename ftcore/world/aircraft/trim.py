@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_continuous_are
-from scipy.optimize import root
 
 from ftcore.world.aircraft.dynamics import (
     CONTROL_MAX,
@@ -59,6 +58,8 @@ def trim(
     The turn is coordinated: no aerodynamic side force. Height counts for the air's density only.
     Raises ValueError when there is no such flight within the aircraft's controls; the message says what was asked.
     """
+    from scipy.optimize import root  # takes a while to load, and few flights need it
+
     asked = f"{speed:g} m/s at {height:g} m, climbing {climb_rate:g} m/s, banked {np.rad2deg(bank):g} deg"
     if not speed > 0.0 or not abs(climb_rate) < speed or not abs(bank) < 0.5 * np.pi:
         raise ValueError(f"no steady flight can be {asked}")

@@ -1,0 +1,46 @@
+"""System D: redundant IMU on a manoeuvring F-16, parity space with a UKF behind it (Kim et al., 2005)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ftcore.noise import NoiseSource
+from ftcore.systems.base import Assembly
+from ftcore.systems.redundant_imu.description import description
+from ftcore.systems.redundant_imu.forms import Parameters, Settings
+from ftcore.systems.redundant_imu.names import SUBJECTS, TESTS
+
+
+class RedundantImu:
+    """See :class:`ftcore.systems.base.System`."""
+
+    description = description()
+    Parameters = Parameters
+    Settings = Settings
+
+    def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
+        """Put the system together for ``duration`` seconds. Raises ValueError for a mission that cannot be flown."""
+        import math
+
+        from ftcore.detection.geometry import three_two_dof
+        from ftcore.systems.redundant_imu.flight import augmentation, mission
+        from ftcore.systems.redundant_imu.model import flight_model
+        from ftcore.systems.redundant_imu.navigator import Navigator
+        from ftcore.systems.redundant_imu.plant import Plant
+        from ftcore.systems.redundant_imu.reporter import Reporter
+        from ftcore.world.aircraft import f16
+
+        p: Parameters = parameters
+        cluster = three_two_dof(*(math.radians(angle) for angle in p.gyros.mounting))
+        believed = f16()
+        plant = Plant(p, cluster.H, noise)
+        alignment = plant.alignment()
+        navigator = Navigator(
+            p,
+            cluster,
+            flight_model(believed),
+            mission(believed, p.flight, duration),
+            augmentation(believed, p.flight),
+            alignment,
+        )
+        return Assembly(plant, navigator, Reporter(cluster, p.gyros.noise, alignment[0]), TESTS, SUBJECTS)

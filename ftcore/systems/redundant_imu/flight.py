@@ -1,0 +1,96 @@
+"""The mission and the control law that flies it: from trim to trim, held by a regulator on the measured states.
+
+Guidance and stability augmentation know the published aircraft, not the one that really flies. States and controls are
+those of :mod:`ftcore.world.aircraft`; arrays lead with (runs, aircraft).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore import units
+from ftcore.systems.redundant_imu.names import EPOCH
+from ftcore.world import aircraft as f16
+from ftcore.world.aircraft import REGULATED, Aircraft, S, Trim
+
+if TYPE_CHECKING:
+    from ftcore.systems.redundant_imu.forms import Flight
+
+Array = NDArray[np.float64]
+
+CHANGE = 4.0
+"""Seconds in which one leg goes over into the next."""
+
+STATE_SCALE = (5.0, 0.05, 0.03, 0.10, 0.05, 0.30, 0.20, 0.10, 5.0, 15.0)
+"""Deviations that weigh alike: m/s, rad, rad/s, m, per cent; in the order of REGULATED."""
+CONTROL_SCALE = (0.15, 0.06, 0.06, 0.06)
+"""Throttle, and surfaces [rad]."""
+
+_PLACE = {state: i for i, state in enumerate(REGULATED)}
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """What is wanted at every epoch 0 to N: states (N + 1, 10) in the order of REGULATED, controls (N + 1, 4)."""
+
+    states: Array
+    controls: Array
+
+    def at(self, epoch: int) -> tuple[Array, Array]:
+        """Wanted states and controls; after the end those of the end."""
+        i = min(epoch, len(self.states) - 1)
+        return self.states[i], self.controls[i]
+
+
+def trims(aircraft: Aircraft, f: Flight) -> list[Trim]:
+    """Steady flight of each leg. Raises ValueError for a leg that the aircraft cannot fly."""
+    speed, heading = units.to_si(f.speed, "ft/s"), math.radians(f.heading)
+    climbs = [units.to_si(leg.climb_rate, "ft/s") for leg in f.legs]
+    return [
+        _steady(aircraft, speed, f.height, climb, math.radians(leg.bank), heading)
+        for leg, climb in zip(f.legs, climbs, strict=True)
+    ]
+
+
+def mission(aircraft: Aircraft, f: Flight, duration: float) -> Mission:
+    """What is wanted over ``duration`` seconds: each leg's trim, one going smoothly over into the next."""
+    points = trims(aircraft, f)
+    epochs = math.ceil(duration / EPOCH) + 1
+    time = EPOCH * np.arange(epochs + 1)
+    chosen = list(REGULATED)
+    states, controls = points[0].x[chosen] + np.zeros((len(time), 1)), points[0].u + np.zeros((len(time), 1))
+    climb = units.to_si(f.legs[0].climb_rate, "ft/s") + np.zeros(len(time))
+    begin = 0.0
+    for (leg, onwards), (before, after) in zip(pairwise(f.legs), pairwise(points), strict=True):
+        begin += leg.duration
+        share = np.clip((time - begin) / CHANGE, 0.0, 1.0)
+        share = share * share * (3.0 - 2.0 * share)
+        states += share[:, None] * (after.x - before.x)[chosen]
+        controls += share[:, None] * (after.u - before.u)
+        climb += share * units.to_si(onwards.climb_rate - leg.climb_rate, "ft/s")
+    # While bank and pitch change there must be rates; height is what the climb rate adds up to.
+    for rate, angle in ((S.P, S.ROLL), (S.Q, S.PITCH)):
+        states[:, _PLACE[rate]] += np.gradient(states[:, _PLACE[angle]], EPOCH)
+    states[:, _PLACE[S.UP]] = f.height + np.concatenate([[0.0], np.cumsum(0.5 * EPOCH * (climb[1:] + climb[:-1]))])
+    return Mission(states, controls)
+
+
+def augmentation(aircraft: Aircraft, f: Flight) -> Array:
+    """Gain (4, 10) of the linear quadratic regulator about the first leg."""
+    return f16.regulator(aircraft, trims(aircraft, f)[0], STATE_SCALE, CONTROL_SCALE)
+
+
+def controls(wanted: Mission, gain: Array, epoch: int, states: Array) -> Array:
+    """Controls (..., 4) for measured states (..., 10) in the order of REGULATED."""
+    x, u = wanted.at(epoch)
+    return np.asarray(np.clip(u - np.matvec(gain, states - x), f16.CONTROL_MIN, f16.CONTROL_MAX))
+
+
+_steady = lru_cache(maxsize=256)(f16.trim)

@@ -1,0 +1,286 @@
+"""Estimation, detection and control of the three aircraft: sees readings only.
+
+One epoch, in the order of the code: parity space tests the protected aircraft's gyros; where it declares more than one,
+the UKF comes forward without them; the supervisor decides; rates are solved from the gyros that are used, or taken from
+the UKF where these do not see all directions; attitudes are carried on; the control law commands the next epoch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore.detection import chi_square, geometry, supervisor
+from ftcore.detection.geometry import Cluster
+from ftcore.readings import Readings
+from ftcore.rotation import matrix_to_rpy, rotvec_to_matrix, rpy_to_matrix
+from ftcore.systems.base import Controls, Flags, Notice, Output
+from ftcore.systems.redundant_imu import fdi
+from ftcore.systems.redundant_imu.analytic import AnalyticRedundancy, Episode, Moment
+from ftcore.systems.redundant_imu.flight import Mission
+from ftcore.systems.redundant_imu.flight import controls as control_law
+from ftcore.systems.redundant_imu.forms import Parameters, Settings
+from ftcore.systems.redundant_imu.model import ATTITUDE, RATES, FlightModel
+from ftcore.systems.redundant_imu.names import AIR, AIR_DATA, AIRCRAFT, EPOCH, GYRO, INSTRUMENTS, PROTECTED, SUBJECTS
+from ftcore.systems.redundant_imu.reporter import Detail
+
+Array = NDArray[np.float64]
+AXES = 2 * INSTRUMENTS
+
+
+@dataclass(frozen=True)
+class NavigatorState:
+    """Everything the navigators carry from epoch to epoch; ``(runs, aircraft, ...)`` where not said otherwise.
+
+    Attributes:
+        C_nb, rates: attitude and the rates last handed to the control law.
+        air: last valid air data: airspeed, angles of attack and sideslip, height.
+        power, u: engine power and controls.
+        supervisor: of the three gyros.
+        episode: analytic redundancy.
+        undecided: ``(runs,)`` epochs in a row in which the UKF could not tell who of the suspects it is.
+    """
+
+    epoch: int
+    C_nb: Array
+    rates: Array
+    air: Array
+    power: Array
+    u: Array
+    supervisor: supervisor.State
+    episode: Episode
+    undecided: NDArray[np.int64]
+
+
+class Navigator:
+    """See :class:`ftcore.systems.base.Navigator`.
+
+    Args:
+        p: parameters.
+        cluster: geometry of the gyros.
+        model: what the UKF believes of the aircraft.
+        mission, gain: what is wanted, and the regulator.
+        alignment: states ``(runs, aircraft, 13)`` and controls ``(runs, aircraft, 4)`` at the start.
+    """
+
+    def __init__(
+        self,
+        p: Parameters,
+        cluster: Cluster,
+        model: FlightModel,
+        mission: Mission,
+        gain: Array,
+        alignment: tuple[Array, Array],
+    ) -> None:
+        self._cluster, self._model, self._mission, self._gain = cluster, model, mission, gain
+        self._x0, self._u0 = alignment
+        self._runs = len(self._x0)
+        self._noise = p.gyros.noise
+        self._expected = fdi.reference(cluster, p.gyros.noise)
+        self._analytic = AnalyticRedundancy(model, cluster.H, p)
+
+    def initial(self, controls: Controls) -> NavigatorState:
+        """Before the first epoch: aligned, everybody trusted."""
+        x, u = self._x0, self._u0
+        air, power = x[..., [0, 1, 2, 11]], x[..., 12]
+        start = Moment(
+            x=_modelled(air, x[..., 3:5], x[..., 6:9])[:, PROTECTED],
+            power=power[:, PROTECTED],
+            u=u[:, PROTECTED],
+            y=np.zeros((self._runs, AXES + len(AIR_DATA))),
+            valid=np.zeros((self._runs, AXES + len(AIR_DATA)), bool),
+        )
+        return NavigatorState(
+            epoch=0,
+            C_nb=rpy_to_matrix(x[..., 3:6]),
+            rates=x[..., 6:9],
+            air=air,
+            power=power,
+            u=u,
+            supervisor=supervisor.start(self._runs, INSTRUMENTS),
+            episode=self._analytic.initial(start),
+            undecided=np.zeros(self._runs, np.int64),
+        )
+
+    def step(self, state: NavigatorState, readings: Readings, controls: Controls) -> tuple[NavigatorState, Output]:
+        """One epoch."""
+        settings: Settings = controls.settings
+        m, present = self._gyros(readings)
+        fresh, air_valid = self._air(readings, controls)
+        air = np.where(air_valid, fresh, state.air)
+        power = self._model.spool(state.power, state.u)
+        mine, there = m[:, PROTECTED], present[:, PROTECTED]
+        y = np.concatenate([mine, air[:, PROTECTED]], axis=-1)
+        valid = np.concatenate([np.repeat(there, 2, axis=-1), air_valid[:, PROTECTED]], axis=-1)
+
+        # Parity space.
+        enabled = np.array([[controls.enabled[s] for s in SUBJECTS]])
+        inside = there & enabled & (state.supervisor.health < supervisor.ISOLATED)
+        verdict = fdi.judge(self._expected, mine, there & enabled, inside, settings)
+        several = verdict.declared.sum(axis=-1) > 1
+
+        # Analytic redundancy: a new doubt starts the UKF anew, from before the fault; so does having too few gyros.
+        episode = state.episode
+        blind = ~self._cluster.observable[geometry.mask_index(inside)]
+        unheard = (verdict.declared & ~episode.suspects).any(axis=-1)
+        doubt = several & (~episode.open | unheard) & settings.hybrid
+        begin = doubt | blind & ~episode.active & settings.hybrid
+        accused = verdict.declared & doubt[:, None] | episode.suspects & episode.open[:, None]
+        moment = Moment(state.episode.past[-1].x, power[:, PROTECTED], state.u[:, PROTECTED], y, valid)
+        episode = self._analytic.advance(episode, moment, begin, accused, ~inside, settings.lead)
+        ukf = self._ukf_test(episode, mine, episode.suspects | ~inside, there & enabled, settings)
+        guilty = ukf.alarm & episode.suspects
+        # Who is named must stand out: a filter that a drift has reached blames all suspects alike.
+        least = np.where(guilty, ukf.statistic, np.inf).min(axis=-1)
+        most = np.where(episode.suspects & ~guilty, ukf.statistic, -np.inf).max(axis=-1)
+        margin = chi_square.threshold(settings.false_alarm_probability, 1)
+        clueless = ~np.isfinite(least) | ~np.isfinite(most) | (least - most < margin)
+        undecided = np.where(episode.open & verdict.detected & clueless, state.undecided + 1, 0)
+
+        # Decision.
+        accusation = np.where(episode.open[:, None], guilty & ~clueless[:, None], verdict.declared)
+        accusation &= verdict.detected[:, None] & inside
+        trusted = inside & ~(episode.suspects & episode.open[:, None]) & ~accusation
+        supervision, decision = supervisor.step(
+            state.supervisor,
+            accusation,
+            self._admission(episode, mine, trusted, settings) & there,
+            np.broadcast_to(enabled, inside.shape),
+            supervisor.Rules(settings.confirm, settings.within, 1, settings.hold_off, isolate_last=False),
+        )
+        isolated = decision.health == supervisor.ISOLATED
+        withheld = episode.suspects & (episode.open & ~(episode.suspects & isolated).any(axis=-1))[:, None]
+        health = np.where(withheld & (decision.health == supervisor.HEALTHY), supervisor.SUSPECT, decision.health)
+        used = decision.use & there & ~withheld
+        solvable = self._cluster.observable[geometry.mask_index(used)]
+
+        # Rates, attitude, control.
+        everything = present.copy()
+        everything[:, : AIRCRAFT - 1] &= enabled[:, None]
+        everything[:, PROTECTED] = np.where(solvable[:, None], used, everything[:, PROTECTED])
+        rates = geometry.solve(self._cluster, m.reshape(-1, AXES), everything.reshape(-1, INSTRUMENTS))
+        rates = rates.reshape(self._runs, AIRCRAFT, 3)
+        from_model = episode.active & ~solvable
+        rates[:, PROTECTED] = np.where(from_model[:, None], episode.x[:, RATES], rates[:, PROTECTED])
+        C_nb = state.C_nb @ rotvec_to_matrix((0.5 * EPOCH) * (state.rates + rates))
+        rpy = matrix_to_rpy(C_nb)
+        if from_model.any():
+            # Air data hold the filter's roll and pitch; what is integrated from its rates alone would drift.
+            rpy[:, PROTECTED, :2] = np.where(from_model[:, None], episode.x[:, ATTITUDE], rpy[:, PROTECTED, :2])
+            C_nb[:, PROTECTED] = np.where(
+                from_model[:, None, None], rpy_to_matrix(rpy[:, PROTECTED]), C_nb[:, PROTECTED]
+            )
+        x = _modelled(air, rpy[..., :2], rates)
+        epoch = state.epoch + 1
+        u = control_law(self._mission, self._gain, epoch, np.concatenate([x, power[..., None]], axis=-1))
+
+        moment = replace(moment, x=x[:, PROTECTED], u=u[:, PROTECTED])
+        remembered = self._analytic.settle(episode, verdict.detected, isolated, blind, moment)
+        tied = undecided >= settings.within
+        after = NavigatorState(epoch, C_nb, rates, air, power, u, supervision, remembered, undecided)
+        detail = Detail(
+            p=verdict.p,
+            rates=rates,
+            residual=ukf.residual,
+            active=episode.active,
+            open=episode.open,
+            tied=tied,
+            suspects=episode.suspects & episode.active[:, None],
+            from_model=from_model,
+            used=used,
+            rpy=rpy,
+            u=u,
+        )
+        output = Output(
+            statistic=np.concatenate([verdict.statistic, ukf.statistic], axis=-1),
+            threshold=np.concatenate([verdict.threshold, ukf.threshold], axis=-1),
+            dof=np.concatenate([verdict.dof, ukf.dof], axis=-1),
+            alarm=np.concatenate([verdict.alarm, ukf.alarm], axis=-1),
+            health=health.astype(np.int8),
+            used=used,
+            notices=_notices(
+                begin, episode.active & ~remembered.active, undecided == settings.within, episode, settings
+            ),
+            detail=detail,
+            command=u,
+        )
+        return after, output
+
+    # ---- parts of an epoch ----------------------------------------------------------------------------------------
+
+    def _gyros(self, readings: Readings) -> tuple[Array, Flags]:
+        """Readings ``(runs, aircraft, 6)``, 0 where there is none; which instruments read ``(runs, aircraft, 3)``."""
+        group, shape = readings[GYRO], (self._runs, AIRCRAFT, AXES)
+        valid = np.broadcast_to(group.valid, group.values.shape).reshape(shape)
+        present: Flags = np.asarray(valid.reshape(self._runs, AIRCRAFT, INSTRUMENTS, 2).all(axis=-1))
+        return np.where(valid, group.values.reshape(shape), 0.0), present
+
+    def _air(self, readings: Readings, controls: Controls) -> tuple[Array, Flags]:
+        """Air data ``(runs, aircraft, 4)`` and where there is a reading."""
+        groups = [readings[f"{AIR}.{name}"] for name in AIR_DATA]
+        values = np.stack([g.values for g in groups], axis=-1)
+        valid = np.stack([np.broadcast_to(g.valid, g.values.shape) for g in groups], axis=-1)
+        switched = np.ones((AIRCRAFT, 1), bool)
+        switched[: AIRCRAFT - 1] = controls.enabled[AIR]
+        return values, np.asarray(valid & switched & np.isfinite(values))
+
+    def _ukf_test(self, episode: Episode, m: Array, left_out: Flags, there: Flags, settings: Settings) -> UkfTest:
+        """The residuals of those whose readings the filter does not take, against their thresholds."""
+        judged = episode.active[:, None] & left_out & there
+        limit: Array = np.full(judged.shape, chi_square.threshold(settings.false_alarm_probability, 2))
+        residual, statistic = np.full(m.shape, np.nan), np.zeros(judged.shape)
+        if episode.active.any():
+            vectors, squares = self._analytic.residuals(episode, m)
+            residual = np.where(np.repeat(judged, 2, axis=-1), vectors, np.nan)
+            statistic = np.where(judged, squares, 0.0)
+        alarm = judged & (statistic >= limit)
+        return UkfTest(residual, statistic, limit, np.where(judged, 2.0, 0.0), alarm)
+
+    def _admission(self, episode: Episode, m: Array, trusted: Flags, settings: Settings) -> Flags:
+        """Whether a gyro would pass against the rates of the trusted ones, or of the UKF, ``(runs, 3)``."""
+        if trusted.all():
+            return trusted
+        index = geometry.mask_index(trusted)
+        solvable = self._cluster.observable[index]
+        rates = geometry.solve(self._cluster, m, trusted)
+        C = self._noise**2 * self._cluster.covariances[index]
+        model = (episode.active & ~solvable)[:, None]
+        rates = np.where(model, episode.x[:, RATES], rates)
+        C = np.where(model[..., None], episode.P[:, RATES, RATES], C)
+        H = self._cluster.H.reshape(INSTRUMENTS, 2, 3)
+        r = m.reshape(-1, INSTRUMENTS, 2) - np.matvec(H, rates[:, None])
+        S = H @ C[:, None] @ H.swapaxes(-1, -2) + self._noise**2 * np.eye(2)
+        statistic = np.vecdot(r, np.matvec(np.linalg.inv(S), r))
+        passed = statistic <= chi_square.threshold(settings.false_alarm_probability, 2)
+        return np.asarray(passed & (solvable | model[:, 0])[:, None])
+
+
+@dataclass(frozen=True)
+class UkfTest:
+    """Residuals ``(runs, 6)``, NaN where nobody is judged, and the test on them ``(runs, 3)``, there of dof 0."""
+
+    residual: Array
+    statistic: Array
+    threshold: Array
+    dof: Array
+    alarm: Flags
+
+
+def _modelled(air: Array, roll_pitch: Array, rates: Array) -> Array:
+    """The nine modelled states out of air data, attitude and rates."""
+    return np.concatenate([air[..., :3], roll_pitch, rates, air[..., 3:]], axis=-1)
+
+
+def _notices(begin: Flags, over: Flags, tie: Flags, episode: Episode, settings: Settings) -> list[Notice]:
+    suspects = episode.suspects.sum(axis=-1).astype(np.float64)
+    notices = []
+    if begin.any():
+        numbers = {"suspects": suspects, "lead": np.full(len(begin), float(settings.lead))}
+        notices.append(Notice("filter.started", "ukf", begin, numbers))
+    if tie.any():
+        notices.append(Notice("isolation.ambiguous", GYRO, tie, {"suspects": suspects}))
+    if over.any():
+        notices.append(Notice("filter.stopped", "ukf", over, {}))
+    return notices

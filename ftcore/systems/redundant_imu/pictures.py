@@ -1,0 +1,68 @@
+"""Diagram and 3-D scene of the redundant-IMU system."""
+
+from __future__ import annotations
+
+from ftcore.description import Block, SceneItem, Wire
+from ftcore.systems.redundant_imu.names import AIR, AXES, FLOWN, FLOWN_LABELS, GYRO
+
+
+def blocks() -> list[Block]:
+    """The blocks and where they stand, after the paper's figure 4."""
+    test = ("driving_test", "false_alarm_probability", "angle_threshold")
+    gyros = [
+        Block(
+            id=f"gyro-{k}", label=f"Gyro {k}", kind="sensor", x=1, y=2 + 13 * (k - 1), width=22, height=11,
+            sensor=f"{GYRO}.{k}", subsystem=f"{GYRO}.{k}",
+        )
+        for k in (1, 2, 3)
+    ]  # fmt: skip
+    return [
+        *gyros,
+        Block(id="air", label="Air data", kind="sensor", x=1, y=41, width=22, height=11, sensor=AIR, subsystem=AIR),
+        Block(id="geometry", label="Geometry", kind="computer", x=1, y=55, width=22, height=11),
+        Block(id="detection", label="Detection", kind="test", x=28, y=2, width=21, height=12, settings=test),
+        Block(id="isolation", label="Isolation", kind="test", x=28, y=19, width=21, height=12, settings=test),
+        Block(id="ukf", label="UKF", kind="filter", x=28, y=41, width=21, height=12, settings=("hybrid", "lead")),
+        Block(
+            id="supervisor", label="Supervisor", kind="supervisor", x=54, y=19, width=20, height=14,
+            settings=("confirm", "within", "hold_off"),
+        ),
+        Block(id="control", label="LQR control", kind="master", x=79, y=19, width=20, height=14),
+        Block(id="mission", label="F-16", kind="computer", x=79, y=48, width=20, height=14),
+    ]  # fmt: skip
+
+
+def wires() -> list[Wire]:
+    """What feeds what. The aircraft's motion closes the loop through the sensors."""
+    pairs: list[tuple[str, str, str | None]] = [
+        *((f"gyro-{k}", "detection", None) for k in (1, 2, 3)),
+        *((f"gyro-{k}", "control", f"{GYRO}.{k}") for k in (1, 2, 3)),
+        ("detection", "isolation", None),
+        ("isolation", "ukf", None),
+        ("isolation", "supervisor", None),
+        ("air", "ukf", AIR),
+        ("ukf", "supervisor", None),
+        ("supervisor", "control", None),
+        ("control", "mission", None),
+    ]
+    return [Wire(source=a, target=b, carries=c) for a, b, c in pairs]
+
+
+def scene() -> list[SceneItem]:
+    """What the scene shows: axes at their mounting angles, parity space, three flight paths (one unit is 1 km)."""
+    items = [SceneItem(id="aircraft", label="aircraft", kind="aircraft", frame="level", family="aircraft")]
+    for axis in AXES:
+        items.append(
+            SceneItem(id=f"axis.{axis}", label=axis, kind="axis", family=f"gyro {axis[0]}", channel=f"{GYRO}.{axis}")
+        )
+    for k in (1, 2, 3):
+        items.append(SceneItem(id=f"spin.{k}", label=f"spin {k}", kind="spin", family=f"gyro {k}"))
+        items.append(SceneItem(id=f"plane.{k}", label=f"fault plane {k}", kind="plane", family=f"gyro {k}"))
+    for pair in ("12", "13", "23"):
+        label = f"singular {pair[0]}-{pair[1]}"
+        items.append(SceneItem(id=f"singular.{pair}", label=label, kind="spin", family="singular directions"))
+    items.append(SceneItem(id="parity", label="parity vector", kind="vector", family="parity vector"))
+    for name in FLOWN:
+        label = f"path {FLOWN_LABELS[name]}"
+        items.append(SceneItem(id=f"path.{name}", label=label, kind="path", frame="level", family=f"path {name}"))
+    return items

@@ -304,7 +304,7 @@ def _headline(
         )
     consistent = next(((n, e) for n, e in estimators.items() if e.nees is not None), None)
     if consistent is not None and consistent[1].nees_dof:
-        name, score = consistent
+        score = consistent[1]
         value = float(score.nees or 0.0) / float(score.nees_dof or 1)
         items.append(
             Headline(

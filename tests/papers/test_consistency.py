@@ -78,19 +78,7 @@ def test_given_covariance_intersection_then_the_fused_estimate_is_cautious():
 # ---- what is common is shared out, what is withheld stays withheld
 
 
-COUNTED_TWICE = pytest.mark.xfail(
-    strict=True,
-    reason="the covariance of the bias jump is common to the local filters but is not shared out like process noise: "
-    "their fusion believes half of it",
-)
-ONE_EPOCH_LATE = pytest.mark.xfail(
-    strict=True,
-    reason="in modes that do not reset the local filters, a suspect's own filter takes the withheld measurement and "
-    "brings it to the master when the suspect is cleared",
-)
-
-
-@pytest.mark.parametrize("mode", [pytest.param("fusion-reset", marks=COUNTED_TWICE), "zero-reset"])
+@pytest.mark.parametrize("mode", ["fusion-reset", "zero-reset"])
 def test_given_gps_is_the_only_aid_when_an_instrument_is_put_out_then_the_fused_filter_is_the_gps_filter(mode):
     """Both are the optimal filter of the same measurements, so they agree to rounding. 1 mg at 30 s, out at 32 s."""
     scenario = prepared("zhang-1992-visible", fusion_mode=mode)
@@ -108,8 +96,8 @@ def test_given_gps_is_the_only_aid_when_an_instrument_is_put_out_then_the_fused_
     [
         "fusion-reset",
         "zero-reset",
-        pytest.param("no-reset", marks=ONE_EPOCH_LATE),
-        pytest.param("rescale", marks=ONE_EPOCH_LATE),
+        "no-reset",
+        "rescale",
     ],
 )
 def test_given_a_single_outlier_then_what_was_withheld_from_the_master_never_reaches_it(mode):

@@ -133,7 +133,7 @@ class Navigator:
             fresh = federated.start(known.x, known.P, sharing)
             filters = bank.replaced(filters, {i: (fresh.x[:, i], fresh.P[:, i]) for i in range(3)})
         filters = bank.predict(filters, Phi, Q, sharing, state.members)
-        filters = _bias_jump(filters, imu)
+        filters = _bias_jump(filters, imu, federated.noise_factors(sharing, state.members))
 
         gps, lines = self._gps(ins, readings, controls.enabled["gps"])
         doppler = self._doppler(ins, readings, controls.enabled["doppler"])
@@ -173,17 +173,23 @@ class Navigator:
         )
 
         used = decision.use
-        x_local = np.stack([x_j for x_j, _ in locals_], axis=1)
-        P_local = np.stack([P_j for _, P_j in locals_], axis=1)
+        # A suspect's measurement is withheld from its own filter too, or it would come to the master a little later.
+        contributing = used | decision.suspect
         prior = filters.federation
+        x_local, P_local = (np.stack(parts, axis=1) for parts in zip(*locals_, strict=True))
+        if not used.all():
+            x_local = np.where(used[..., None], x_local, prior.locals[0])
+            P_local = np.where(used[..., None, None], P_local, prior.locals[1])
         fallback = filters.estimate(FUSED)
         if settings.master == "covariance-intersection":
             alone = list(ALONE)
             fused = federated.covariance_intersection(x[:, alone], P[:, alone], used, fallback=fallback)
         else:
-            fused = federated.master_estimate(prior, x_local, P_local, used, sharing, fallback)
+            fused = federated.master_estimate(prior, x_local, P_local, contributing, sharing, fallback)
         back = decision.just_readmitted
-        federation = federated.after_fusion(prior, x_local, P_local, fused, used, sharing, back if back.any() else None)
+        federation = federated.after_fusion(
+            prior, x_local, P_local, fused, contributing, sharing, back if back.any() else None
+        )
         x[:, :3], P[:, :3] = federation.x, federation.P
         x[:, FUSED], P[:, FUSED] = fused.x, fused.P
         age, older = state.age + 1, state.older
@@ -341,14 +347,19 @@ def _initial_covariance(p: Parameters, cluster: Cluster, bias: Array) -> Array:
     return P0
 
 
-def _bias_jump(filters: Filters, imu: ImuEpoch) -> Filters:
-    """A changed set of instruments has other body biases: tell the filters on the protected strapdown by how much."""
+def _bias_jump(filters: Filters, imu: ImuEpoch, factors: Array) -> Filters:
+    """A changed set of instruments has other body biases: tell the filters on the protected strapdown by how much.
+
+    The jump is common to all of them, so the federation's filters get it with the shares of process noise, ``factors``.
+    """
     if not imu.changed.any():
         return filters
     P = filters.P.copy()
     protected = np.flatnonzero(bank.INS_OF_FILTER == 0)
+    share = np.ones((len(P), len(protected), 1, 1))
+    share[:, :3, 0, 0] = factors
     for cluster, block in ((0, slice(9, 12)), (1, slice(12, 15))):
-        P[:, protected, block, block] += imu.bias_change[:, None, cluster]
+        P[:, protected, block, block] += share * imu.bias_change[:, None, cluster]
     return Filters(filters.x, P)
 
 

@@ -83,7 +83,7 @@ class Trust(Form):
     speed: float = quantity(1.0, "m/s^2", "along the flight path", 0.001, 100.0)
     wind: float = quantity(0.05, "rad/s", "rate of the angles of attack and sideslip", 1e-5, 10.0)
     attitude: float = quantity(0.003, "rad/s", "rate of roll and pitch", 1e-5, 10.0)
-    rate: float = quantity(0.3, "rad/s^2", "angular acceleration", 1e-4, 100.0)
+    rate: float = quantity(0.4, "rad/s^2", "angular acceleration", 1e-4, 100.0)
     height: float = quantity(1.0, "m/s", "vertical speed", 1e-3, 100.0)
 
 

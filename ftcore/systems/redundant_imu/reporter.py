@@ -143,7 +143,7 @@ class Reporter:
         blocks: dict[str, BlockView] = {}
         for k, subject in enumerate(SUBJECTS):
             broken = any(c.startswith(f"{GYRO}.{k + 1}") for c in faulted)
-            state: Health = "off" if health[subject] == "off" else "faulted" if broken else "ok"
+            state: Health = "faulted" if broken and health[subject] != "off" else health[subject]
             words = {"ok": "used", "suspect": "withheld", "isolated": "isolated", "off": "off", "faulted": "faulted"}
             blocks[f"gyro-{k + 1}"] = BlockView(
                 health=state, text=words[health[subject]] + (", fault" if broken else "")
@@ -231,7 +231,7 @@ class Reporter:
         x = truth.x[0, PROTECTED]
         if x[S.UP] <= 0.0:
             return "on the ground"
-        return f"bank {math.degrees(x[S.ROLL]):.0f}°, {x[S.UP]:.0f} m"
+        return f"bank {round(math.degrees(x[S.ROLL]))}°, {x[S.UP]:.0f} m"
 
     def _ambiguous_share(self, degrees: float) -> float:
         """Share of all directions of a fault that the angle test cannot place."""

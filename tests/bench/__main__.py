@@ -26,7 +26,7 @@ def measured(console: Console) -> tuple[list[Figure], dict[str, dict[str, tuple[
     by_part = {}
     with Progress(console=console, transient=True) as progress, threadpool_limits(1):
         task = progress.add_task("measuring", total=3 + len(catalogue.systems()))
-        for take in (lambda: flights.figures(3), lambda: covariance.figures(9), lambda: inertial.figures(5)):
+        for take in (lambda: flights.figures(2), lambda: covariance.figures(9), lambda: inertial.figures(5)):
             found += take()
             progress.advance(task)
         for system in catalogue.systems():

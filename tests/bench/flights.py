@@ -1,4 +1,4 @@
-"""What a whole flight costs: one run, and a hundred of them."""
+"""What flying costs: one run, and a hundred of them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ from ftcore import Scenario, Simulation, catalogue
 from tests.bench.measure import Figure, seconds
 
 REAL_TIME_FACTOR = 200.0
+"""Wanted of systems whose epochs last a second, or more; others have no target of their own."""
 COST_OF_A_BATCH = 10.0
 BATCH = 100
+MOST_EPOCHS = 200
+"""Longer scenarios are flown for so many epochs."""
 
 
 def default_scenario(system: str) -> Scenario:
@@ -15,13 +18,24 @@ def default_scenario(system: str) -> Scenario:
     return next(s for s in catalogue.scenarios() if s.system == system)
 
 
+def real_time_factor_wanted(system: str) -> float | None:
+    """The target for one run of this system."""
+    return REAL_TIME_FACTOR if catalogue.system(system).epoch >= 1.0 else None
+
+
 def fly(scenario: Scenario, runs: int = 1) -> Simulation:
-    """A whole flight."""
-    return Simulation(scenario, runs=runs).advance()
+    """A whole flight, of a long one the beginning."""
+    return Simulation(scenario, runs=runs).advance(epochs=MOST_EPOCHS)
+
+
+def flown(scenario: Scenario) -> float:
+    """How long that is [s]."""
+    sim = Simulation(scenario)
+    return min(sim.last_epoch, MOST_EPOCHS) * sim.period
 
 
 def cost(scenario: Scenario, rounds: int) -> tuple[float, float]:
-    """Processor seconds of one run and of :data:`BATCH` runs of a whole scenario, everything on: the least of each.
+    """Processor seconds of flying one run and :data:`BATCH` runs, everything on: the least of each.
 
     A single run is short and feels every disturbance, so it is tried three times a round.
     """
@@ -39,16 +53,16 @@ def figures(rounds: int) -> list[Figure]:
     for system in catalogue.systems():
         scenario = default_scenario(system.id)
         one, many = cost(scenario, rounds)
-        flown = Simulation(scenario).last_epoch * system.epoch
+        time = flown(scenario)
         found += [
             Figure(
                 system.id,
                 "real-time factor, one run, everything on",
-                flown / one,
+                time / one,
                 "x",
-                REAL_TIME_FACTOR,
+                real_time_factor_wanted(system.id),
                 "least",
-                f"{scenario.id}: {flown:g} s in {1e3 * one:.0f} ms",
+                f"{scenario.id}: {time:g} s in {1e3 * one:.0f} ms, epochs of {system.epoch:g} s",
             ),
             Figure(
                 system.id,
@@ -57,7 +71,7 @@ def figures(rounds: int) -> list[Figure]:
                 "x",
                 COST_OF_A_BATCH,
                 "most",
-                f"{1e3 * many / BATCH:.1f} ms a run, real-time factor {BATCH * flown / many:.0f}",
+                f"{1e3 * many / BATCH:.1f} ms a run, real-time factor {BATCH * time / many:.0f}",
             ),
         ]
     return found

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from ftcore import Scenario, Simulation
-from tests.bench.flights import BATCH
+from tests.bench.flights import BATCH, fly
 
 INTERVAL = 0.001
 """Seconds of processor time asked for between two looks; the kernel's tick makes it 4 ms where it ticks at 250 Hz."""
@@ -94,7 +94,7 @@ def cost_by_part(scenario: Scenario, runs: int, least_seconds: float = 2.0) -> d
     epochs, start = 0, time.process_time()
     with watching() as seen:
         while time.process_time() - start < least_seconds:
-            epochs += Simulation(scenario, runs=runs).advance().epoch
+            epochs += fly(scenario, runs).epoch
     each = 1e3 * (time.process_time() - start) / epochs
     total = sum(seen.values())
     return {part: each * seen[part] / total for part in ORDER}

@@ -30,7 +30,6 @@ def charts() -> list[Chart]:
             traces=(
                 Trace(signal=f"test.parity.{GYRO}.statistic", label="FD / sigma²", role="statistic"),
                 Trace(signal=f"test.parity.{GYRO}.threshold", label="T_D / sigma²", role="threshold"),
-                Trace(signal=f"test.parity-trusted.{GYRO}.statistic", label="trusted gyros only", role="component"),
             ),
             shown=True,
         ),
@@ -64,6 +63,17 @@ def charts() -> list[Chart]:
             unit="rad/s",
             group="parity",
             traces=tuple(Trace(signal=f"parity.{i}", label=f"component {i}") for i in (1, 2, 3)),
+        ),
+        Chart(
+            id="parity-trusted",
+            title="FD of the trusted gyros",
+            unit="1",
+            group="tests",
+            scale="log",
+            traces=(
+                Trace(signal=f"test.parity-trusted.{GYRO}.statistic", label="FD / sigma²", role="statistic"),
+                Trace(signal=f"test.parity-trusted.{GYRO}.threshold", label="threshold", role="threshold"),
+            ),
         ),
         _of_instruments("fault-plane", "Distance from the fault planes", "1", "log"),
         _of_instruments("glt", "GLT", "1", "log"),

@@ -21,6 +21,7 @@ from ftcore.world.aircraft import (
     f16,
     linearise,
     lqr,
+    midpoint_step,
     regulator,
     step,
     trim,
@@ -292,6 +293,15 @@ def test_nothing_is_ever_infinite(numbers):
         assert np.isfinite(derivative(F16, x, np.array(numbers[13:]))).all()
         x[S.PITCH] = np.pi / 2
         x[S.SPEED] = 0.0
+
+
+def test_the_quick_step_errs_by_millimetres():
+    x, u = trim(F16, 153.0, 1000.0, 36.6, 0.5).x, trim(F16, 153.0, 1000.0, 0.0).u
+    fine = quick = x
+    for _ in range(250):
+        fine, quick = step(F16, fine, u, 0.02), midpoint_step(F16, quick, u, 0.02)
+    assert np.linalg.norm((fine - x)[[S.EAST, S.NORTH, S.UP]]) > 500.0
+    np.testing.assert_allclose(quick[[S.EAST, S.NORTH, S.UP]], fine[[S.EAST, S.NORTH, S.UP]], atol=5e-3)
 
 
 # ---- engine

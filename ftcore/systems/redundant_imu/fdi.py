@@ -70,7 +70,7 @@ def judge(expected: Reference, m: Array, reading: Flags, trusted: Flags, setting
     explained = _stack(glt[1:], "explained")
     level = explained >= explained.max(axis=-1, keepdims=True) - chi_square.threshold(p_fa, 1)
     alone = level.sum(axis=-1, keepdims=True) == 1
-    largest, shown = (np.stack([r.alarm for r in test[1:]], axis=-1) for test in (glt, optimal))
+    largest, shown = (np.array([r.alarm for r in test[1:]]).T for test in (glt, optimal))
     driver = {
         "isolation-angle": near,
         "fault-plane": close,
@@ -87,7 +87,7 @@ def judge(expected: Reference, m: Array, reading: Flags, trusted: Flags, setting
     per_instrument = [*angle[1:], *plane[1:], *glt[1:], *optimal[1:]]
 
     def columns(field: str) -> Array:
-        return np.stack([getattr(r, field) for r in (whole, rest, *per_instrument)], axis=-1).astype(np.float64)
+        return np.array([getattr(r, field) for r in (whole, rest, *per_instrument)], dtype=np.float64).T
 
     return Verdict(
         p=np.asarray(whole.innovation),
@@ -103,4 +103,4 @@ def judge(expected: Reference, m: Array, reading: Flags, trusted: Flags, setting
 
 
 def _stack(results: tuple[TestResult, ...], key: str) -> NDArray[Any]:
-    return np.stack([r.extra[key] for r in results], axis=-1)
+    return np.array([r.extra[key] for r in results]).T

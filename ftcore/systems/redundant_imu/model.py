@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.systems.redundant_imu.names import EPOCH
-from ftcore.world.aircraft import STATES, Aircraft, C, S, derivative, power_command, power_rate
+from ftcore.world.aircraft import STATES, Aircraft, C, S, midpoint_step, power_command, power_rate
 
 Array = NDArray[np.float64]
 
@@ -55,9 +55,7 @@ def flight_model(aircraft: Aircraft) -> FlightModel:
         x = np.zeros((*points.shape[:-1], STATES))
         x[..., chosen] = within(points)
         x[..., S.POWER] = power[..., None]
-        held = u[..., None, :]
-        middle = x + (0.5 * EPOCH) * derivative(aircraft, x, held)
-        return within((x + EPOCH * derivative(aircraft, middle, held))[..., chosen])
+        return within(midpoint_step(aircraft, x, u[..., None, :], EPOCH)[..., chosen])
 
     def spool(power: Array, u: Array) -> Array:
         command = power_command(u[..., C.THROTTLE])

@@ -17,7 +17,7 @@ from ftcore.readings import Group, Readings
 from ftcore.systems.redundant_imu.flight import trims
 from ftcore.systems.redundant_imu.forms import Parameters
 from ftcore.systems.redundant_imu.names import AIRCRAFT, EPOCH
-from ftcore.world.aircraft import S, step
+from ftcore.world.aircraft import S, midpoint_step
 
 Array = NDArray[np.float64]
 RATES = slice(S.P, S.R + 1)
@@ -53,7 +53,7 @@ class Plant:
         """One epoch. What has reached the ground stays there."""
         u = self._u0 if command is None else command
         grounded = state.x[..., S.UP, None] <= 0.0
-        truth = Truth(np.where(grounded, state.x, step(self.aircraft, state.x, u, EPOCH)))
+        truth = Truth(np.where(grounded, state.x, midpoint_step(self.aircraft, state.x, u, EPOCH)))
         return truth, truth, self._sense(truth, epoch)
 
     def _sense(self, truth: Truth, epoch: int) -> Readings:

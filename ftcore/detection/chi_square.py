@@ -94,9 +94,14 @@ def state_chi_square(
     beta, W = x1 - x2, P2 - P1
     variance = np.diagonal(P2, axis1=-2, axis2=-1)
     scale = 1.0 / np.sqrt(np.where(variance > 0.0, variance, np.inf))
-    eigenvalues, V = np.linalg.eigh(W * (scale[..., :, None] * scale[..., None, :]))
+    # A state that no measurement reached in any run has a row of zeros, an eigenvalue that need not be computed.
+    gained = np.diagonal(W, axis1=-2, axis2=-1)
+    reached = np.flatnonzero((gained != 0.0).reshape(-1, gained.shape[-1]).any(axis=0))
+    scale = scale[..., reached]
+    among = W[..., reached[:, None], reached] * (scale[..., :, None] * scale[..., None, :])
+    eigenvalues, V = np.linalg.eigh(among)
     known = eigenvalues > RANK_TOLERANCE
-    whitened = np.vecmat(beta * scale, V) / np.sqrt(np.where(known, eigenvalues, np.inf))
+    whitened = np.vecmat(beta[..., reached] * scale, V) / np.sqrt(np.where(known, eigenvalues, np.inf))
     statistic = np.asarray(np.vecdot(whitened, whitened))
     dof, limit, alarm = decide(statistic, np.asarray(known.sum(axis=-1)), p_fa)
     return TestResult(name, subject, statistic, dof, limit, alarm, beta, W, {"eigenvalues": eigenvalues})

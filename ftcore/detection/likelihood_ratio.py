@@ -94,9 +94,9 @@ def step(state: State, update: Update, Phi: Array, H: Array, ids: Ints, valid: M
     """
     if ids is not state.ids and not np.array_equal(ids, state.ids):
         state = _realigned(state, ids)
-    runs = len(update.gain)  # 1 where the covariances are common to all runs: then so are the signatures
+    runs = len(update.reach)  # 1 where the covariances are common to all runs: then so are the signatures
     if runs <= BLOCK:
-        return _step(state, update.whitener, update.whitened, update.gain, Phi, H, ids, valid)
+        return _step(state, update.whitener, update.whitened, update.reach, Phi, H, ids, valid)
     parts = []
     for start in range(0, runs, BLOCK):
 
@@ -108,7 +108,7 @@ def step(state: State, update: Update, Phi: Array, H: Array, ids: Ints, valid: M
                 replace(state, F=here(state.F), d=here(state.d), C=here(state.C)),
                 here(update.whitener),
                 here(update.whitened),
-                here(update.gain),
+                here(update.reach),
                 here(Phi),
                 here(H),
                 ids,
@@ -123,7 +123,7 @@ def _step(
     state: State,
     whitener: Array,
     whitened_innovation: Array,
-    gain: Array,
+    reach: Array,
     Phi: Array,
     H: Array,
     ids: Ints,
@@ -141,17 +141,18 @@ def _step(
     G = -(H @ F)
     rows = np.arange(m)
     G.reshape(-1, m, W, columns)[:, rows, :, rows] += 1.0
-    if valid is not None:
+    if valid is not None and not valid.all():
         G = np.where(valid[:, :, None], G, 0.0)
     whitened = whitener @ G
     d = np.vecmat(whitened_innovation, whitened).reshape(-1, W, columns)
     C = np.square(whitened).sum(axis=1).reshape(-1, W, columns)
+    F += reach.swapaxes(-1, -2) @ whitened  # K G, as K = W' L^-1
     before = np.arange(W)[:, None] != place
     return State(
         state.epoch + 1,
         ids,
         state.directions,
-        (F + gain @ G).reshape(-1, n, W, columns),
+        F.reshape(-1, n, W, columns),
         state.d * before + d,
         state.C * before + C,
     )

@@ -67,8 +67,13 @@ class Update(Innovation):
     """Updated state, (..., n)."""
     P: Array
     """Updated covariance, (..., n, n), exactly symmetric when the prior was."""
-    gain: Array
-    """K, (..., n, m); its columns at rows that are not valid are 0."""
+    reach: Array
+    """W = L^-1 H P, (..., m, n): the update took W' W away from P."""
+
+    @property
+    def gain(self) -> Array:
+        """K = W' L^-1, (..., n, m); its columns at rows that are not valid are 0."""
+        return np.asarray(self.reach.swapaxes(-1, -2) @ self.whitener)
 
 
 def predict(x: Array, P: Array, Phi: Array, Q: Array) -> tuple[Array, Array]:
@@ -78,7 +83,9 @@ def predict(x: Array, P: Array, Phi: Array, Q: Array) -> tuple[Array, Array]:
     (runs, 1, n, n) and Q (runs, bank, n, n). Returns x and P; P is exactly symmetric.
     Source: (5) and (7) of Zhang and Zhang (1992), Q standing for G Q G'.
     """
-    return np.matvec(Phi, x), symmetric(Phi @ P @ _transposed(Phi) + Q)
+    carried = Phi @ P @ _transposed(Phi)
+    carried = np.add(carried, Q, out=carried if carried.shape == Q.shape else None)
+    return np.matvec(Phi, x), symmetric(carried)
 
 
 def innovation(x: Array, P: Array, y: Array, H: Array, R: Array, valid: Mask | None = None) -> Innovation:
@@ -102,22 +109,22 @@ def update(x: Array, P: Array, y: Array, H: Array, R: Array, valid: Mask | None 
     """
     inn, HP, H, R = _innovation(x, P, y, H, R, valid)
     W = inn.whitener @ HP
-    Wt = _transposed(W)
-    K = Wt @ inn.whitener
     if joseph:
+        K = W.swapaxes(-1, -2) @ inn.whitener
         I_KH = _eye(P.shape[-1]) - K @ H
         P_new = symmetric(I_KH @ P @ _transposed(I_KH) + K @ R @ _transposed(K))
     else:
-        P_new = P - W.swapaxes(-1, -2) @ W  # NumPy sees a matrix and its own transpose: symmetric to the bit
+        lost = W.swapaxes(-1, -2) @ W  # NumPy sees a matrix and its own transpose: symmetric to the bit
+        P_new = np.subtract(P, lost, out=lost if lost.shape == P.shape else None)
     return Update(
         innovation=inn.innovation,
         covariance=inn.covariance,
         whitener=inn.whitener,
         whitened=inn.whitened,
         dof=inn.dof,
-        x=x + np.matvec(Wt, inn.whitened),
+        x=x + np.vecmat(inn.whitened, W),
         P=P_new,
-        gain=K,
+        reach=W,
     )
 
 
@@ -222,15 +229,29 @@ def _transposed(A: Array) -> Array:
 
 def _triangular_inverse(L: Array) -> Array:
     m = L.shape[-1]
-    if m == 1:
-        return 1.0 / L
+    if m <= 5:
+        return _substituted(L)
     h = m // 2
-    A, C = _triangular_inverse(L[..., :h, :h]), _triangular_inverse(L[..., h:, h:])
     inverse = np.zeros_like(L)
-    inverse[..., :h, :h] = A
-    inverse[..., h:, h:] = C
-    inverse[..., h:, :h] = -(C @ (L[..., h:, :h] @ A))
+    upper, lower = inverse[..., :h, :h], inverse[..., h:, h:]
+    if m % 2:
+        upper[...], lower[...] = _triangular_inverse(L[..., :h, :h]), _triangular_inverse(L[..., h:, h:])
+    else:  # both halves of the diagonal as one stack
+        upper[...], lower[...] = _triangular_inverse(np.stack([L[..., :h, :h], L[..., h:, h:]]))
+    np.negative(lower @ (L[..., h:, :h] @ upper), out=inverse[..., h:, :h])
     return inverse
+
+
+def _substituted(L: Array) -> Array:
+    """The same for a few rows, entry by entry: of matrices so small a product costs more to call than to compute."""
+    m = L.shape[-1]
+    entries = np.ascontiguousarray(np.moveaxis(L, (-2, -1), (0, 1)))
+    found = np.zeros_like(entries)
+    for i in range(m):
+        found[i, i] = 1.0 / entries[i, i]
+        for j in range(i):
+            found[i, j] = np.add.reduce(entries[i, j:i] * found[j:i, j]) * -found[i, i]
+    return np.ascontiguousarray(np.moveaxis(found, (0, 1), (-2, -1)))
 
 
 @lru_cache(maxsize=64)

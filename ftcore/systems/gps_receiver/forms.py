@@ -5,19 +5,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from ftcore.systems.base import Form
-
-
-def quantity(
-    default: float, unit: str, description: str, low: float, high: float, source: str = "FTLab default"
-) -> Any:
-    """A number with unit, bounds and source."""
-    extra: dict[str, Any] = {"unit": unit, "source": source}
-    return Field(default=default, ge=low, le=high, description=description, json_schema_extra=extra)
+from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, quantity
 
 
 class Receiver(Form):
@@ -69,7 +62,7 @@ class Parameters(Form):
     log: Log | None = Field(default=None, description="a receiver's log; the simulated receiver if absent")
 
 
-class Settings(Form):
+class Settings(Supervised):
     """Can be changed in flight; a change takes effect with the next epoch."""
 
     combination: Literal["sequential", "or", "and"] = Field(
@@ -77,14 +70,7 @@ class Settings(Form):
         title="Combination",
         description="sequential: snapshot first, innovation test on the survivors; or, and: both on all satellites",
     )
-    false_alarm_probability: float = Field(
-        default=1e-3,
-        ge=1e-9,
-        le=0.2,
-        title="False alarm",
-        description="per test and epoch",
-        json_schema_extra={"unit": "1", "source": "paper"},
-    )
+    false_alarm_probability: float = false_alarm_probability("paper")
     missed_detection_probability: float = Field(
         default=1e-3,
         ge=1e-9,
@@ -112,14 +98,10 @@ class Settings(Form):
     protection: Literal["slope", "separation"] = Field(
         default="slope", title="Protection level", description="how the protection level is found"
     )
-    confirm: int = Field(default=2, ge=1, le=20, title="Confirm, m", description="alarms that confirm a fault ...")
-    within: int = Field(default=3, ge=1, le=20, title="of n epochs", description="... within so many epochs")
-    hold_off: int = Field(
-        default=3,
-        ge=1,
-        le=600,
-        title="Hold-off",
-        description="epochs in a row that an excluded satellite must agree with the others before it comes back",
+    confirm: int = CONFIRM
+    within: int = WITHIN
+    hold_off: int = hold_off(
+        3, "epochs in a row that an excluded satellite must agree with the others before it comes back"
     )
     reset_after: int = Field(
         default=2,
@@ -135,11 +117,3 @@ class Settings(Form):
         title="Patience",
         description="epochs in a row that a filter takes nothing, as no culprit is found, before it restarts from all",
     )
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Settings:
-        if self.confirm > self.within:
-            raise ValueError(
-                f"confirm {self.confirm} of {self.within} cannot be; confirm may be at most the number of epochs"
-            )
-        return self

@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field, model_validator
 
 from ftcore.systems.base import Form
+from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, mounting, quantity
 from ftcore.systems.redundant_imu.flight import trims
 from ftcore.world.aircraft import Aircraft, f16
 
@@ -17,14 +18,6 @@ MOST_LEAD = 20
 """Longest way back that the UKF may be started [epochs]."""
 
 Driver = Literal["isolation-angle", "fault-plane", "glt", "optimal-parity", "none"]
-
-
-def quantity(
-    default: float, unit: str, description: str, low: float, high: float, source: str = "FTLab default"
-) -> Any:
-    """A number with unit, bounds and source."""
-    extra: dict[str, Any] = {"unit": unit, "source": source}
-    return Field(default=default, ge=low, le=high, description=description, json_schema_extra=extra)
 
 
 class Leg(Form):
@@ -53,11 +46,7 @@ class Flight(Form):
 class Gyros(Form):
     """Three gyros of two axes each."""
 
-    mounting: tuple[float, float, float] = Field(
-        default=(45.0, 45.0, 45.0),
-        description="mounting angles phi, theta, psi of (27)",
-        json_schema_extra={"unit": "deg", "source": "paper"},
-    )
+    mounting: tuple[float, float, float] = mounting()
     noise: float = quantity(0.01, "rad/s", "white noise of each axis, 1-sigma a sample", 1e-6, 1.0, "paper")
 
 
@@ -111,7 +100,7 @@ class Parameters(Form):
         return f16().differing(0.01 * m.mass, 0.01 * m.centre_of_gravity, 0.01 * m.aerodynamics)
 
 
-class Settings(Form):
+class Settings(Supervised):
     """Can be changed in flight; a change takes effect with the next epoch."""
 
     driving_test: Driver = Field(
@@ -119,14 +108,7 @@ class Settings(Form):
         title="Driven by",
         description="the test that declares gyros; the others watch. none: nobody is isolated",
     )
-    false_alarm_probability: float = Field(
-        default=1e-3,
-        ge=1e-9,
-        le=0.2,
-        title="False alarm",
-        description="per test and epoch",
-        json_schema_extra={"unit": "1"},
-    )
+    false_alarm_probability: float = false_alarm_probability()
     angle_threshold: float = Field(
         default=15.0,
         ge=1.0,
@@ -148,20 +130,8 @@ class Settings(Form):
         description="steps before the alarm at which the UKF starts, from states that the fault has not reached",
         json_schema_extra={"unit": "epochs", "source": "paper"},
     )
-    confirm: int = Field(default=2, ge=1, le=20, title="Confirm, m", description="alarms that confirm a fault ...")
-    within: int = Field(default=3, ge=1, le=20, title="of n epochs", description="... within so many epochs")
-    hold_off: int = Field(
-        default=25,
-        ge=1,
-        le=1000,
-        title="Hold-off",
-        description="epochs in a row in which an isolated gyro must agree with the others before it is trusted again",
+    confirm: int = CONFIRM
+    within: int = WITHIN
+    hold_off: int = hold_off(
+        25, "epochs in a row in which an isolated gyro must agree with the others before it is trusted again"
     )
-
-    @model_validator(mode="after")
-    def _m_of_n(self) -> Settings:
-        if self.confirm > self.within:
-            raise ValueError(
-                f"confirm {self.confirm} of {self.within} cannot be; confirm may be at most the number of epochs"
-            )
-        return self

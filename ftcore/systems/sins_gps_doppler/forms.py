@@ -5,23 +5,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from ftcore.systems.base import Form
+from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, mounting, quantity
 from ftcore.world.trajectory import Segment, Straight
 
 DRIVERS = ("residual", "state", "two-propagator", "glr", "cusum")
 Driver = Literal["residual", "state", "two-propagator", "glr", "cusum", "none"]
-
-
-def quantity(
-    default: float, unit: str, description: str, low: float, high: float, source: str = "FTLab default"
-) -> Any:
-    """A number with unit, bounds and source."""
-    extra: dict[str, Any] = {"unit": unit, "source": source}
-    return Field(default=default, ge=low, le=high, description=description, json_schema_extra=extra)
 
 
 class Flight(Form):
@@ -43,11 +36,7 @@ class Inertial(Form):
     """Redundant IMU: three 2-DOF gyros and three 2-DOF accelerometers."""
 
     rate: float = quantity(40.0, "Hz", "samples a second", 10.0, 200.0, "paper")
-    mounting: tuple[float, float, float] = Field(
-        default=(45.0, 45.0, 45.0),
-        description="mounting angles phi, theta, psi of 001 (27)",
-        json_schema_extra={"unit": "deg", "source": "paper"},
-    )
+    mounting: tuple[float, float, float] = mounting()
     gyro_bias: float = quantity(0.1, "deg/h", "gyro drift, 1-sigma, each axis", 0.0, 1000.0)
     angle_random_walk: float = quantity(0.01, "deg/sqrt(h)", "gyro white noise, each axis", 0.0, 100.0)
     accelerometer_bias: float = quantity(100.0, "ug", "accelerometer bias, 1-sigma, each axis", 0.0, 1e6)
@@ -95,7 +84,7 @@ class Parameters(Form):
     initial: Initial = Initial()
 
 
-class Settings(Form):
+class Settings(Supervised):
     """Can be changed in flight; a change takes effect with the next epoch."""
 
     driving_test: Driver = Field(
@@ -103,23 +92,10 @@ class Settings(Form):
         title="Driven by",
         description="the test whose alarms exclude GPS or Doppler; the others watch. none: nobody is excluded",
     )
-    false_alarm_probability: float = Field(
-        default=1e-3,
-        ge=1e-9,
-        le=0.2,
-        title="False alarm",
-        description="per test and epoch",
-        json_schema_extra={"unit": "1"},
-    )
-    confirm: int = Field(default=2, ge=1, le=20, title="Confirm, m", description="alarms that confirm a fault ...")
-    within: int = Field(default=3, ge=1, le=20, title="of n epochs", description="... within so many epochs")
-    hold_off: int = Field(
-        default=5,
-        ge=1,
-        le=600,
-        title="Hold-off",
-        description="epochs in a row that must pass the admission test before re-admission",
-    )
+    false_alarm_probability: float = false_alarm_probability()
+    confirm: int = CONFIRM
+    within: int = WITHIN
+    hold_off: int = hold_off(5, "epochs in a row that must pass the admission test before re-admission")
     imu_driving_test: Literal["glt", "parity", "none"] = Field(
         default="glt", title="IMU driven by", description="the test that isolates an instrument of the redundant IMU"
     )
@@ -150,11 +126,3 @@ class Settings(Form):
         description="seconds between resets of the two propagators",
         json_schema_extra={"unit": "s"},
     )
-
-    @model_validator(mode="after")
-    def _m_of_n(self) -> Settings:
-        if self.confirm > self.within:
-            raise ValueError(
-                f"confirm {self.confirm} of {self.within} cannot be; confirm may be at most the number of epochs"
-            )
-        return self

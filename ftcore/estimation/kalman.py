@@ -27,6 +27,8 @@ Mask = NDArray[np.bool_]
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _FEW_ROWS = 400
 """Below this many matrix rows in a stack, one LAPACK call is quicker than a recursion of NumPy calls (measured)."""
+_LEAF = 5
+"""So small a triangular matrix is inverted entry by entry."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,11 +83,11 @@ def predict(x: Array, P: Array, Phi: Array, Q: Array) -> tuple[Array, Array]:
 
     Shapes: x (..., n), P, Phi and Q (..., n, n), broadcasting; so a bank x (runs, bank, n) goes with Phi
     (runs, 1, n, n) and Q (runs, bank, n, n). Returns x and P; P is exactly symmetric.
-    Source: (5) and (7) of Zhang and Zhang (1992), Q standing for G Q G'.
+    Q has to be symmetric. Source: (5) and (7) of Zhang and Zhang (1992), Q standing for G Q G'.
     """
-    carried = Phi @ P @ _transposed(Phi)
-    carried = np.add(carried, Q, out=carried if carried.shape == Q.shape else None)
-    return np.matvec(Phi, x), symmetric(carried)
+    half = Phi @ P @ np.multiply(Phi.swapaxes(-1, -2), 0.5, order="C")
+    carried = half + half.swapaxes(-1, -2)
+    return np.matvec(Phi, x), np.add(carried, Q, out=carried if carried.shape == Q.shape else None)
 
 
 def innovation(x: Array, P: Array, y: Array, H: Array, R: Array, valid: Mask | None = None) -> Innovation:
@@ -189,7 +191,9 @@ def triangular_inverse(L: Array) -> Array:
     m = L.shape[-1]
     if L.size <= _FEW_ROWS * m:
         return np.asarray(np.linalg.inv(L), dtype=np.float64)
-    return _triangular_inverse(L)
+    inverse = np.zeros_like(L)
+    _invert_triangular(L, inverse)
+    return inverse
 
 
 def spd_inverse(P: Array) -> Array:
@@ -227,31 +231,39 @@ def _transposed(A: Array) -> Array:
     return np.ascontiguousarray(A.swapaxes(-1, -2))
 
 
-def _triangular_inverse(L: Array) -> Array:
+def _invert_triangular(L: Array, inverse: Array) -> None:
+    """Write the inverses of L (..., m, m) into `inverse`, which holds zeros; both may be views into larger matrices."""
     m = L.shape[-1]
-    if m <= 5:
-        return _substituted(L)
+    if m <= _LEAF:
+        _substitute(L, inverse)
+        return
     h = m // 2
-    inverse = np.zeros_like(L)
-    upper, lower = inverse[..., :h, :h], inverse[..., h:, h:]
     if m % 2:
-        upper[...], lower[...] = _triangular_inverse(L[..., :h, :h]), _triangular_inverse(L[..., h:, h:])
-    else:  # both halves of the diagonal as one stack
-        upper[...], lower[...] = _triangular_inverse(np.stack([L[..., :h, :h], L[..., h:, h:]]))
+        _invert_triangular(L[..., :h, :h], inverse[..., :h, :h])
+        _invert_triangular(L[..., h:, h:], inverse[..., h:, h:])
+    else:
+        _invert_triangular(_halves(L), _halves(inverse))
+    upper, lower = inverse[..., :h, :h], inverse[..., h:, h:]
     np.negative(lower @ (L[..., h:, :h] @ upper), out=inverse[..., h:, :h])
-    return inverse
 
 
-def _substituted(L: Array) -> Array:
+def _halves(A: Array) -> Array:
+    """Upper left and lower right quarter of matrices of even size (..., m, m): a view (..., 2, m/2, m/2)."""
+    h = A.shape[-1] // 2
+    view: Array = np.einsum("...pipj->...pij", A.reshape(*A.shape[:-2], 2, h, 2, h))
+    return view
+
+
+def _substitute(L: Array, inverse: Array) -> None:
     """The same for a few rows, entry by entry: of matrices so small a product costs more to call than to compute."""
-    m = L.shape[-1]
-    entries = np.ascontiguousarray(np.moveaxis(L, (-2, -1), (0, 1)))
-    found = np.zeros_like(entries)
-    for i in range(m):
-        found[i, i] = 1.0 / entries[i, i]
+    for i in range(L.shape[-1]):
+        diagonal = 1.0 / L[..., i, i]
+        inverse[..., i, i] = diagonal
         for j in range(i):
-            found[i, j] = np.add.reduce(entries[i, j:i] * found[j:i, j]) * -found[i, i]
-    return np.ascontiguousarray(np.moveaxis(found, (0, 1), (-2, -1)))
+            total = L[..., i, j] * inverse[..., j, j]
+            for between in range(j + 1, i):
+                total += L[..., i, between] * inverse[..., between, j]
+            np.multiply(total, -diagonal, out=inverse[..., i, j])
 
 
 @lru_cache(maxsize=64)

@@ -6,12 +6,14 @@ charts, the block diagram and the 3-D scene from it and hold no knowledge of any
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Health = Literal["ok", "suspect", "isolated", "off", "faulted"]
 """``faulted`` is the operator's knowledge (a fault is live there); the others are the navigator's."""
+Corner = Literal["zero", "limit", "end"]
+"""A coordinate of a region's corner: 0, the chart's limit, or where the axis ends."""
 
 
 class Described(BaseModel):
@@ -64,25 +66,71 @@ class Signal(Described):
 
 
 class Trace(Described):
-    """One line of a chart. ``sigma`` names the signal whose 3-fold is drawn as a band around zero."""
+    """One line of a chart; in an ``xy`` chart a cloud of points, in ``sky`` and ``bars`` one marker or bar.
+
+    ``sigma`` names the signal whose 3-fold is drawn as a band around zero.
+    """
 
     signal: str
     label: str
     role: Literal["protected", "local", "unprotected", "statistic", "threshold", "component", "weight"] = "component"
     sigma: str | None = None
+    across: str | None = Field(default=None, description="xy: signal along x; sky: azimuth, `signal` is the elevation")
+    code: str | None = Field(default=None, description="xy: signal with the number of the region each point counts for")
+    item: str | None = Field(
+        default=None,
+        description="scene item this is a picture of: its health marks the trace, its channel is what a click selects",
+    )
+
+
+class Region(Described):
+    """A part of an ``xy`` chart: a polygon whose corners are told by zero, the chart's limit, and the axes' end."""
+
+    label: str
+    health: Health = Field(description="how it is shaded")
+    corners: tuple[tuple[Corner, Corner], ...] = Field(min_length=3, description="(x, y) of each")
 
 
 class Chart(Described):
-    """One chart: traces that share an axis."""
+    """One chart.
+
+    ``kind``: ``time`` (lines over the common time axis), ``xy`` (a signal over another, one point an epoch), ``sky``
+    (polar: azimuth and elevation), ``bars`` (a bar a trace; a trace in the role of a threshold is a line at plus and
+    minus its value). All but ``time`` show the moment of the cursor, ``xy`` with all epochs before it.
+    """
 
     id: str
     title: str
     unit: str
     group: str = Field(description="chart family, for the chooser: errors, tests, parity, weights, ...")
+    kind: Literal["time", "xy", "sky", "bars"] = "time"
     scale: Literal["linear", "log"] = "linear"
-    stacked: bool = False
+    stacked: bool = Field(default=False, description="time: areas on top of each other, for shares that sum to one")
+    levels: tuple[str, ...] = Field(default=(), description="time: the values are the numbers of these words")
+    across: str = Field(default="", description="xy: what is along x, in the chart's unit")
+    upward: str = Field(default="", description="xy: what is along y, in the chart's unit")
+    limit: str | None = Field(default=None, description="xy: signal at whose value a line crosses either axis")
+    regions: tuple[Region, ...] = Field(default=(), description="xy: regions, in the order of the traces' codes")
     traces: tuple[Trace, ...]
     shown: bool = Field(default=False, description="shown when the page opens")
+
+    @model_validator(mode="after")
+    def _fits_its_kind(self) -> Self:
+        lines = [trace for trace in self.traces if trace.role != "threshold"]
+        if self.kind in ("xy", "sky") and not all(trace.across for trace in lines):
+            raise ValueError(f"chart {self.id}: every trace of kind {self.kind} needs `across`")
+        if self.kind != "time" and (self.stacked or self.levels or self.scale == "log"):
+            raise ValueError(f"chart {self.id}: stacked, levels and a logarithmic scale are for charts over time")
+        if self.kind != "xy" and (self.regions or self.limit):
+            raise ValueError(f"chart {self.id}: regions and their limit are for kind xy")
+        if self.regions and not self.limit:
+            raise ValueError(f"chart {self.id}: regions need a limit")
+        return self
+
+    def signals(self) -> tuple[str, ...]:
+        """Names of all signals that are needed to draw it, each once."""
+        named = [n for t in self.traces for n in (t.signal, t.sigma, t.across, t.code) if n is not None]
+        return tuple(dict.fromkeys([*named, *([self.limit] if self.limit else [])]))
 
 
 class Block(Described):

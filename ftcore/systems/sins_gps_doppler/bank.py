@@ -6,7 +6,7 @@
     4, 5  alone     SINS/GPS and SINS/Doppler as if the other did not exist: baselines, and what the tests run on
     6     central   all sensors, no FDI, on the unprotected strapdown
     7, 8  prior     the same starts as 4 and 5 without measurements: P2 of the state chi-square test
-    9, 10 propagator  two, alternately reset from the fused estimate
+    9, 10 propagator  two that take turns: the reference of the two-propagator test, and a newer one from the fused
 
 Arrays are ``(runs, 11, 21)`` and ``(runs, 11, 21, 21)``; one matrix product carries all of them.
 """
@@ -24,7 +24,7 @@ from ftcore.estimation.federated import Bank, Estimate, Sharing
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LOCAL, MASTER, FUSED, ALONE, CENTRAL, PRIOR, PROPAGATOR = (0, 1), 2, 3, (4, 5), 6, (7, 8), (9, 10)
+LOCAL, MASTER, FUSED, ALONE, CENTRAL, PRIOR, REFERENCE, NEWER = (0, 1), 2, 3, (4, 5), 6, (7, 8), 9, 10
 SIZE = 11
 BLOCK = 8
 """Runs whose covariances are carried over together: so many stay in a core's cache (measured, twice the speed)."""

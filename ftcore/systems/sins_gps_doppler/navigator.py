@@ -24,7 +24,7 @@ from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Flags, Notice, Output
 from ftcore.systems.sins_gps_doppler import bank, measurements
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult, AidTests, AidTestState
-from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, LOCAL, PRIOR, PROPAGATOR, Filters
+from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, LOCAL, NEWER, PRIOR, REFERENCE, Filters
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
 from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, EPOCH, SLOTS
@@ -40,7 +40,8 @@ class NavigatorState:
 
     Attributes:
         ins: protected and unprotected strapdown, leading axes ``(2 runs,)``, run-major.
-        age, older: epochs since a propagator was reset, and which of the two is the reference.
+        sound: ``(runs,)`` epochs since the propagators took turns, or since anybody was last suspected, in which the
+            fused estimate took a measurement in.
     """
 
     ins: InsState
@@ -50,8 +51,7 @@ class NavigatorState:
     supervisor: supervisor.State
     members: Flags
     sharing: Sharing
-    age: int
-    older: int
+    sound: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,7 @@ class Navigator:
             supervisor=supervisor.start(self._runs, len(SUBJECTS)),
             members=np.ones((1, len(SUBJECTS)), bool),
             sharing=sharing,
-            age=0,
-            older=0,
+            sound=np.zeros(self._runs, np.int64),
         )
 
     def step(self, state: NavigatorState, readings: Readings, controls: Controls) -> tuple[NavigatorState, Output]:
@@ -138,7 +137,7 @@ class Navigator:
         gps, lines = self._gps(ins, readings, controls.enabled["gps"])
         doppler = self._doppler(ins, readings, controls.enabled["doppler"])
         x, P = filters.x.copy(), filters.P.copy()
-        references = [FUSED, PROPAGATOR[state.older]]
+        references = [FUSED, REFERENCE]
         updates, locals_, predictions = [], [], []
         for j, aid in enumerate((gps, doppler)):
             predictions.append(
@@ -192,17 +191,15 @@ class Navigator:
         )
         x[:, :3], P[:, :3] = federation.x, federation.P
         x[:, FUSED], P[:, FUSED] = fused.x, fused.P
-        age, older = state.age + 1, state.older
-        if age >= settings.propagator_period:
-            x[:, PROPAGATOR[older]], P[:, PROPAGATOR[older]] = fused.x, fused.P
-            age, older = 0, 1 - older
-        filters = Filters(x, P)
+        filters, sound = _take_turns(
+            Filters(x, P), fused, state.sound, decision, used & has_reading, settings.propagator_period
+        )
         for j in range(2):
             filters = bank.reset_where(filters, (ALONE[j], PRIOR[j]), back[:, j], fused)
         if back.any():
             tests_state = self._tests.reset(tests_state, back)
 
-        after = NavigatorState(ins, filters, imu_state, tests_state, supervision, decision.members, sharing, age, older)
+        after = NavigatorState(ins, filters, imu_state, tests_state, supervision, decision.members, sharing, sound)
         detail = self._detail(readings, ins, filters, fused, imu, gps, doppler, lines)
         health = np.concatenate([decision.health, imu.decision.health], axis=-1).astype(np.int8)
         both_used = np.concatenate([used & has_reading, imu.used.reshape(runs, -1)], axis=-1)
@@ -345,6 +342,27 @@ def _initial_covariance(p: Parameters, cluster: Cluster, bias: Array) -> Array:
     P0[9:12, 9:12] += body * bias[0] ** 2
     P0[12:15, 12:15] += body * bias[1] ** 2
     return P0
+
+
+def _take_turns(
+    filters: Filters, fused: Estimate, sound: NDArray[np.int64], decision: supervisor.Decision, fed: Flags, period: int
+) -> tuple[Filters, NDArray[np.int64]]:
+    """The propagators' turn, in the runs where it is due: the newer becomes the reference, the other starts anew.
+
+    It starts from a fused estimate that nobody had any doubts about: only after ``period`` epochs in which somebody fed
+    it, ``fed (runs, 2)``, and nobody was suspected; until then the reference grows older, as its covariance says. And
+    what the newer one took over before a culprit was found may be contaminated, so it is taken back: both go on from
+    the reference. 002 resets them every 30 s whatever happens; then a drift that is found too late makes the test of
+    every *other* sensor alarm a period later.
+    """
+    sound = np.where((decision.suspect | decision.just_isolated).any(axis=-1), 0, sound + fed.any(axis=-1))
+    caught, due = np.asarray(decision.just_isolated.any(axis=-1)), sound >= period
+    if caught.any():
+        filters = bank.reset_where(filters, (NEWER,), caught, filters.estimate(REFERENCE))
+    if due.any():
+        filters = bank.reset_where(filters, (REFERENCE,), due, filters.estimate(NEWER))
+        filters = bank.reset_where(filters, (NEWER,), due, fused)
+    return filters, np.where(due, 0, sound)
 
 
 def _bias_jump(filters: Filters, imu: ImuEpoch, factors: Array) -> Filters:

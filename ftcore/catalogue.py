@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
+from types import MappingProxyType
+from typing import Any
 
-from ftcore.description import SystemDescription
+from pydantic import create_model
+
+from ftcore.description import Indicator, SystemDescription
 from ftcore.scenario import Scenario, ready_ids
+from ftcore.systems.base import Form, Indicated
 from ftcore.systems.registry import SYSTEMS
+
+_DEFAULTS: Mapping[str, Any] = MappingProxyType({})
 
 
 class CatalogueError(LookupError):
@@ -23,6 +31,31 @@ def system(id: str) -> SystemDescription:
     if id not in SYSTEMS:
         raise CatalogueError(f"no system {id!r}; there are {', '.join(SYSTEMS)}")
     return SYSTEMS[id].description
+
+
+def indicators(
+    id: str, parameters: Mapping[str, Any] = _DEFAULTS, settings: Mapping[str, Any] = _DEFAULTS
+) -> tuple[Indicator, ...]:
+    """Figures of a system that follow from parameters and settings (as in a scenario) before anything flies.
+
+    None from a system that declares none. Raises CatalogueError if there is no such system, and pydantic's
+    ValidationError, located below ``parameters`` or ``settings``, for values that are refused there.
+    """
+    chosen = choices(id).strictly({"parameters": dict(parameters), "settings": dict(settings)})
+    model = SYSTEMS[id]
+    return model.indicators(chosen.parameters, chosen.settings) if isinstance(model, Indicated) else ()
+
+
+def choices(id: str) -> type[Any]:
+    """Form with two fields: the ``parameters`` and ``settings`` of a system. Raises CatalogueError if there is none."""
+    system(id)
+    return _choices(id, SYSTEMS[id].Parameters, SYSTEMS[id].Settings)
+
+
+@lru_cache(maxsize=64)
+def _choices(id: str, parameters: type[Form], settings: type[Form]) -> type[Form]:
+    fields: dict[str, Any] = {"parameters": (parameters, ...), "settings": (settings, ...)}
+    return create_model(f"Choices of {id}", __base__=Form, **fields)
 
 
 @lru_cache(maxsize=1)

@@ -175,6 +175,38 @@ class SceneItem(Described):
     channel: str | None = Field(default=None, description="channel that a click here would fault")
 
 
+class Band(Described):
+    """A part of an indicator's map, and what is so there."""
+
+    start: float
+    end: float
+    label: str
+
+
+class IndicatorMap(Described):
+    """Where along a line something is so: drawn as a strip from ``low`` to ``high`` with bands, all in ``unit``."""
+
+    label: str = Field(description="what the line runs along")
+    unit: str
+    low: float
+    high: float
+    bands: tuple[Band, ...] = Field(description="in rising order; they may overlap, and there may be none")
+
+
+class Indicator(Described):
+    """A figure that follows from a system's parameters and settings before anything flies."""
+
+    id: str
+    label: str
+    value: float | None = Field(description="in `unit`, as a person is shown it; null where there is none")
+    unit: str = Field(description="unit of value and ideal; 1: none")
+    ideal: float | None = Field(default=None, description="the best value that can be, where there is one")
+    better: Literal["higher", "lower"] | None = Field(default=None, description="which way is better, if either")
+    field: str | None = Field(default=None, description="dotted path of the parameter it follows from first of all")
+    note: str = Field(default="", description="one sentence: what it says, and where it comes from")
+    map: IndicatorMap | None = None
+
+
 class SystemDescription(Described):
     """Everything there is to know about a system without running it."""
 

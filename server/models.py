@@ -45,6 +45,18 @@ class Answer(BaseModel):
     """Base of answers."""
 
 
+# ---- systems ----------------------------------------------------------------------------------------------------
+
+
+class Choices(Request):
+    """Parameters and settings as a scenario has them; what is absent is as by default."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"parameters": {"gyros": {"mounting": [30, 60, 45]}}}]})
+
+    parameters: dict[str, Any] = Field(default_factory=dict, description="by the system's parameters_schema")
+    settings: dict[str, Any] = Field(default_factory=dict, description="by the system's settings_schema")
+
+
 # ---- experiments ------------------------------------------------------------------------------------------------
 
 

@@ -10,10 +10,11 @@ system (2005), equations (1)-(30); J.E. Potter and J.C. Deckert, J. Spacecraft 1
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import null_space
+from scipy.linalg import null_space, subspace_angles
 
 from ftcore.detection.result import Array, Ints, Mask
 
@@ -206,6 +207,15 @@ def singular_faults(instruments: Cluster) -> tuple[SingularFault, ...]:
                     faults = (_unit(sign * both[:split]), _unit(sign * both[split:]))
                     found.append(SingularFault((a, b), sign * line / length, faults))
     return tuple(found)
+
+
+def plane_angles(instruments: Cluster) -> Array:
+    """Angle [rad], 0 to pi/2, between the fault planes of every two instruments, (pairs,) in the order of the pairs.
+
+    Of planes in more than three dimensions the largest principal angle.
+    """
+    columns = [instruments.V[:, instruments.instrument == k] for k in range(instruments.count)]
+    return np.array([subspace_angles(a, b).max() for a, b in combinations(columns, 2)])
 
 
 def parity_matrix(H: Array) -> Array:

@@ -39,6 +39,9 @@ from ftcore.estimation.kalman import cholesky, symmetric, triangular_inverse
 ANGLE_THRESHOLD = float(np.deg2rad(15.0))
 """Default T_i. At 10 degrees noise leaves one in seven of the paper's faults with a single or a wrong declaration."""
 
+Band = tuple[float, float, int]
+"""Faults between two directions [rad] look like those of another instrument."""
+
 _NOTHING = 1e-9
 
 
@@ -254,6 +257,38 @@ def ambiguity_map(
             fault = np.cos(angle)[:, None] * cluster.V[:, mine[0]] + np.sin(angle)[:, None] * cluster.V[:, mine[1]]
             FI[k] = fault_angles(reference, fault)
     return angle, FI, np.asarray((limit > FI).sum(axis=-1) > 1)
+
+
+def ambiguous_bands(reference: Reference, limit: float = ANGLE_THRESHOLD) -> tuple[tuple[Band, ...], ...]:
+    """`ambiguity_map` without a grid: the faults of each two-axis instrument that lie nearer than `limit` [rad] to
+    another's plane.
+
+    For every instrument bands (start, end, other instrument) in rising order; start and end [rad] between 0 and pi are
+    directions from its first axis over its second. A band across 0 comes in two parts. In FI_j < limit, that is
+    f' (M_j - sin^2(limit)) f < 0 with the projection M_j out of plane j, a fault f at direction a enters by cos 2a and
+    sin 2a only. Source: section 4.1 of Kim et al.
+    """
+    cluster = reference.cluster
+    found: list[tuple[Band, ...]] = []
+    for k in range(cluster.count):
+        mine = cluster.V[:, cluster.instrument == k]
+        bands: list[Band] = []
+        for other in range(cluster.count) if mine.shape[1] == 2 else ():
+            if other == k:
+                continue
+            M = mine.T @ (reference.plain_outside[1 << other] - np.sin(limit) ** 2 * np.eye(len(mine))) @ mine
+            mean, swing = 0.5 * (M[0, 0] + M[1, 1]), np.hypot(0.5 * (M[0, 0] - M[1, 1]), M[0, 1])
+            centre = 0.5 * (np.arctan2(2.0 * M[0, 1], M[0, 0] - M[1, 1]) + np.pi)
+            half = 0.5 * np.arccos(np.clip(mean / max(swing, _NOTHING * abs(mean), 1e-300), -1.0, 1.0))
+            start, length = float((centre - half) % np.pi), float(2.0 * half)
+            if length >= np.pi - _NOTHING:
+                bands.append((0.0, float(np.pi), other))
+            elif length > 0.0:
+                beyond = start + length - float(np.pi)
+                bands += [(start, min(start + length, float(np.pi)), other)]
+                bands += [(0.0, beyond, other)] if beyond > 0.0 else []
+        found.append(tuple(sorted(bands)))
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

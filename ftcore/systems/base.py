@@ -10,13 +10,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from ftcore.description import SystemDescription, View
+from ftcore.description import Indicator, SystemDescription, View
 from ftcore.faults import ChannelAddress
 from ftcore.noise import NoiseSource
 from ftcore.readings import Readings
@@ -37,6 +37,11 @@ class Form(BaseModel):
     def strictly(cls, values: Mapping[str, Any]) -> Self:
         """The form from JSON-like values, without guessing: a number is no text. Raises pydantic's ValidationError."""
         return cls.model_validate_json(json.dumps(dict(values)), strict=True)
+
+    @property
+    def longest(self) -> float:
+        """Longest flight on these parameters [s]; a simulated one has its whole path in memory."""
+        return 36000.0
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,8 @@ class Assembly:
     Attributes:
         tests: (name, subject) of every test column.
         subjects: names behind the health columns.
+        period: seconds between epochs where the experiment decides it (a receiver's log); the description's if None.
+        epochs: how many there are where the world ends (a log); no end if None.
     """
 
     plant: Plant
@@ -125,6 +132,8 @@ class Assembly:
     reporter: Reporter
     tests: tuple[tuple[str, str], ...]
     subjects: tuple[str, ...]
+    period: float | None = None
+    epochs: int | None = None
 
 
 class System(Protocol):
@@ -144,6 +153,14 @@ class System(Protocol):
 
     def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
         """Put the system together for ``duration`` seconds."""
+
+
+@runtime_checkable
+class Indicated(Protocol):
+    """What a system may do besides: say figures that follow from its parameters and settings before anything flies."""
+
+    def indicators(self, parameters: Any, settings: Any) -> tuple[Indicator, ...]:
+        """The figures, in the order to be shown; quick enough to be asked at every change of a field."""
 
 
 def addresses(description: SystemDescription) -> dict[str, ChannelAddress]:

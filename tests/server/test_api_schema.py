@@ -12,7 +12,8 @@ from rest_lab import API, client_of, served
 from server.settings import Settings
 
 OPERATIONS = {
-    "listSystems", "getSystem", "listScenarios", "getScenario", "getScenarioSchema", "createExperiment",
+    "listSystems", "getSystem", "getIndicators", "listScenarios", "getScenario", "getScenarioSchema",
+    "createExperiment",
     "listExperiments", "getExperiment", "deleteExperiment", "forkExperiment", "ghostExperiment", "setClock",
     "advanceExperiment", "rewindExperiment", "injectFault", "listFaults", "getFault", "changeFault", "clearFault",
     "clearFaults", "switchSubsystem", "changeSettings", "getSeries", "listEvents", "getScore", "getReplay", "getView",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ftcore.description import Indicator
 from ftcore.noise import NoiseSource
 from ftcore.systems.base import Assembly
 from ftcore.systems.redundant_imu.description import description
@@ -17,6 +18,25 @@ class RedundantImu:
     description = description()
     Parameters = Parameters
     Settings = Settings
+
+    def indicators(self, parameters: Any, settings: Any) -> tuple[Indicator, ...]:
+        """What the mounting is good for: indices, fault planes, least fault seen, faults that cannot be placed."""
+        import math
+
+        from ftcore.detection.geometry import three_two_dof
+        from ftcore.systems.mounting import ambiguity_indicators, detection_indicator, mounting_indicators
+        from ftcore.systems.redundant_imu import fdi
+
+        p: Parameters = parameters
+        s: Settings = settings
+        cluster = three_two_dof(*(math.radians(angle) for angle in p.gyros.mounting))
+        expected = fdi.reference(cluster, p.gyros.noise)
+        field = "gyros.mounting"
+        return (
+            *mounting_indicators(cluster, field),
+            detection_indicator(expected, s.false_alarm_probability, "rad/s", "gyros.noise"),
+            *ambiguity_indicators(expected, math.radians(s.angle_threshold), field, "gyro"),
+        )
 
     def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
         """Put the system together for ``duration`` seconds. Raises ValueError for a mission that cannot be flown."""

@@ -7,6 +7,7 @@ those of :mod:`ftcore.world.aircraft`; arrays lead with (runs, aircraft).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -21,7 +22,7 @@ from ftcore.world import aircraft as f16
 from ftcore.world.aircraft import REGULATED, Aircraft, S, Trim
 
 if TYPE_CHECKING:
-    from ftcore.systems.redundant_imu.forms import Flight
+    from ftcore.systems.redundant_imu.forms import Flight, Leg
 
 Array = NDArray[np.float64]
 
@@ -49,13 +50,12 @@ class Mission:
         return self.states[i], self.controls[i]
 
 
-def trims(aircraft: Aircraft, f: Flight) -> list[Trim]:
-    """Steady flight of each leg. Raises ValueError for a leg that the aircraft cannot fly."""
+def trims(aircraft: Aircraft, f: Flight, legs: Sequence[Leg] | None = None) -> list[Trim]:
+    """Steady flight of each leg, all by default. Raises ValueError for a leg that the aircraft cannot fly."""
     speed, heading = units.to_si(f.speed, "ft/s"), math.radians(f.heading)
-    climbs = [units.to_si(leg.climb_rate, "ft/s") for leg in f.legs]
     return [
-        _steady(aircraft, speed, f.height, climb, math.radians(leg.bank), heading)
-        for leg, climb in zip(f.legs, climbs, strict=True)
+        _steady(aircraft, speed, f.height, units.to_si(leg.climb_rate, "ft/s"), math.radians(leg.bank), heading)
+        for leg in (f.legs if legs is None else legs)
     ]
 
 

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from ftcore.systems.base import Form
 from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, mounting, quantity
@@ -88,10 +88,16 @@ class Parameters(Form):
     @model_validator(mode="after")
     def _can_be_flown(self) -> Parameters:
         for whose, aircraft in (("as published", f16()), ("with this mismatch", self.flown())):
-            try:
-                trims(aircraft, self.flight)
-            except ValueError as error:
-                raise ValueError(f"flight.legs: the aircraft {whose} cannot fly this: {error}") from None
+            for k, leg in enumerate(self.flight.legs):
+                try:
+                    trims(aircraft, self.flight, (leg,))
+                except ValueError as error:
+                    reason = ValueError(f"the aircraft {whose} cannot fly this: {error}")
+                    where: Any = ("flight", "legs", k)
+                    raise ValidationError.from_exception_data(
+                        type(self).__name__,
+                        [{"type": "value_error", "loc": where, "input": leg.model_dump(), "ctx": {"error": reason}}],
+                    ) from None
         return self
 
     def flown(self) -> Aircraft:

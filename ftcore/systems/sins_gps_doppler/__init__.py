@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ftcore.description import Indicator
 from ftcore.noise import NoiseSource
 from ftcore.systems.base import Assembly
 from ftcore.systems.sins_gps_doppler.description import description
@@ -17,6 +18,13 @@ class SinsGpsDoppler:
     description = description()
     Parameters = Parameters
     Settings = Settings
+
+    def indicators(self, parameters: Any, settings: Any) -> tuple[Indicator, ...]:
+        """What the mounting of the redundant IMU is good for; gyros and accelerometers are mounted alike."""
+        from ftcore.systems.mounting import mounting_indicators
+        from ftcore.systems.sins_gps_doppler.navigator import Navigator
+
+        return mounting_indicators(Navigator.geometry(parameters), "inertial.mounting")
 
     def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
         """Put the system together for ``duration`` seconds."""

@@ -220,8 +220,8 @@ def apply(
     Returns:
         The new memory and the readings the navigator gets; ``clean`` itself where nothing is live.
     """
-    kept = max(1, math.ceil(MAX_DELAY / period))
-    history = (*memory.history[-(kept - 1) :], clean) if kept > 1 else (clean,)
+    kept = math.ceil(MAX_DELAY / period) + 1
+    history = (*memory.history[-(kept - 1) :], clean)
     by_group: dict[str, list[tuple[Fault, ChannelAddress]]] = {}
     for fault in faults:
         address = channels[fault.channel]

@@ -83,7 +83,13 @@ class Scenario(Strict):
     featured: bool = Field(default=False, description="listed first; a first-time visitor lands on the first of these")
     system: str = Field(description="id of the system that flies")
     seed: int = Field(default=1, ge=0, lt=2**53, description="a whole number that a browser can hold too")
-    duration: float = Field(default=100.0, gt=0.0, le=36000.0, json_schema_extra={"unit": "s"})
+    duration: float = Field(
+        default=100.0,
+        gt=0.0,
+        le=108_000.0,
+        description="at most 36000 s for what is simulated; a receiver's log may last longer",
+        json_schema_extra={"unit": "s"},
+    )
     parameters: dict[str, Any] = Field(default_factory=dict, description="fixed at the start; schema: the system's")
     settings: dict[str, Any] = Field(default_factory=dict, description="changeable in flight; schema: the system's")
     subsystems: dict[str, bool] = Field(default_factory=dict, description="switched on or off at the start")
@@ -107,6 +113,13 @@ class Scenario(Strict):
             form = system.Parameters if info.field_name == "parameters" else system.Settings
             form.strictly(value)
         return value
+
+    @model_validator(mode="after")
+    def _lasts_no_longer_than_the_system_can(self) -> Scenario:
+        longest = SYSTEMS[self.system].Parameters.model_validate(self.parameters).longest
+        if self.duration > longest:
+            raise ValueError(f"duration: {self.duration:g} s is too long here; at most {longest:g} s are")
+        return self
 
     @model_validator(mode="after")
     def _faults_and_subsystems_exist(self) -> Scenario:

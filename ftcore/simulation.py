@@ -90,17 +90,19 @@ class Simulation:
         self.first_run = first_run
         system = scenario.model
         self.description: SystemDescription = system.description
-        self.period = self.description.epoch
-        self.duration = scenario.duration
-        self.last_epoch = max(1, math.floor(self.duration / self.period + 1e-9))
         self._noise = NoiseSource(self.seed, range(first_run, first_run + runs))
         self._channels = addresses(self.description)
         parameters = system.Parameters.model_validate(scenario.parameters)
         try:
-            self._assembly = system.assemble(parameters, self.duration, self._noise.runs, self._noise)
+            self._assembly = system.assemble(parameters, scenario.duration, self._noise.runs, self._noise)
         except ValueError as error:
             # What only shows when the parts are put together, a receiver's log that cannot be read for instance.
             raise CommandError(getattr(error, "field", "parameters"), str(error)) from error
+        self.period = self._assembly.period or self.description.epoch
+        epochs = max(1, math.floor(scenario.duration / self.period + 1e-9))
+        self.last_epoch = min(epochs, self._assembly.epochs or epochs)
+        # A world that ends, a log, lasts as long as what is played of it.
+        self.duration = scenario.duration if self._assembly.epochs is None else self.last_epoch * self.period
         enabled = {s.name: scenario.subsystems.get(s.name, True) for s in self.description.subsystems}
         self._operator = Operator((), enabled, system.Settings.model_validate(scenario.settings))
         tests, subjects = len(self._assembly.tests), len(self._assembly.subjects)
@@ -311,7 +313,7 @@ class Simulation:
         system = self.scenario.model
         parameters = system.Parameters.model_validate(self.scenario.parameters)
         # Plant and navigator are pure; a new set only keeps the noise memo of two live branches apart.
-        twin._assembly = system.assemble(parameters, self.duration, twin._noise.runs, twin._noise)
+        twin._assembly = system.assemble(parameters, self.scenario.duration, twin._noise.runs, twin._noise)
         return twin
 
     # ---- the operator's commands ----------------------------------------------------------------------------------

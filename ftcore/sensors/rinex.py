@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ftcore.sensors import broadcast, rinex_text
 from ftcore.sensors.broadcast import Ephemerides
-from ftcore.sensors.rinex_text import LogError, Observations
+from ftcore.sensors.rinex_text import NAVIGATION, OBSERVATION, LogError, Observations, refusal
 
 Array = NDArray[np.float64]
 
@@ -65,10 +65,14 @@ class ObservationLog:
         return len(self.week_seconds)
 
 
-def restrict(folder: Path | None) -> None:
-    """Accept only bare names of files in ``folder`` from now on, as a server must; None lifts that."""
+def restrict(folder: Path | None) -> Path | None:
+    """Accept only bare names of files in ``folder`` from now on, as a server must; None lifts that.
+
+    Returns the folder before.
+    """
     global _folder
-    _folder = folder
+    before, _folder = _folder, folder
+    return before
 
 
 def read(observation: str, navigation: str) -> ObservationLog:
@@ -79,21 +83,21 @@ def read(observation: str, navigation: str) -> ObservationLog:
     """
     files = []
     for name, what, limit in (
-        (observation, "observation file", MAX_OBSERVATION_BYTES),
-        (navigation, "navigation file", MAX_NAVIGATION_BYTES),
+        (observation, OBSERVATION, MAX_OBSERVATION_BYTES),
+        (navigation, NAVIGATION, MAX_NAVIGATION_BYTES),
     ):
         path = _locate(name, what)
         stat = path.stat()
         if stat.st_size > limit:
-            raise LogError(f"the {what} has {stat.st_size / 1e6:.1f} MB; at most {limit / 1e6:.0f} MB are read")
+            raise refusal(what, f"has {stat.st_size / 1e6:.1f} MB; at most {limit / 1e6:.0f} MB are read")
         files.append((str(path), stat.st_size, stat.st_mtime_ns))
     return _read(*files)
 
 
 def parse(observation: bytes, navigation: bytes) -> ObservationLog:
     """The log of two files' contents. Raises LogError."""
-    observed = rinex_text.observations(rinex_text.decode(observation, "observation file"), MAX_EPOCHS)
-    ephemerides = _ephemerides(rinex_text.navigation(rinex_text.decode(navigation, "navigation file")))
+    observed = rinex_text.observations(rinex_text.decode(observation, OBSERVATION), MAX_EPOCHS)
+    ephemerides = _ephemerides(rinex_text.navigation(rinex_text.decode(navigation, NAVIGATION)))
     stamps, pseudorange = _pseudoranges(observed)
     seconds, interval, pseudorange, week = _grid(stamps, pseudorange, observed.interval)
     position, clock = broadcast.satellites(ephemerides, seconds, pseudorange)
@@ -121,25 +125,27 @@ def parse(observation: bytes, navigation: bytes) -> ObservationLog:
 
 def _locate(name: str, what: str) -> Path:
     if _folder is not None and (Path(name).name != name or name in ("", ".", "..")):
-        raise LogError(f"the {what} must be the bare name of an uploaded file")
+        raise refusal(what, "must be the bare name of an uploaded file")
     path = Path(name).expanduser() if _folder is None else _folder / name
     try:
         if path.is_file():
             return path
     except (OSError, ValueError):
         pass
-    raise LogError(f"there is no {what} {name!r}")
+    if _folder is not None:
+        raise refusal(what, f"{name[:80]!r} is not here, or no longer; upload the log again")
+    raise LogError(f"there is no {what} {name!r}", what.split()[0])
 
 
 @lru_cache(maxsize=4)
 def _read(observation: tuple[str, int, int], navigation: tuple[str, int, int]) -> ObservationLog:
     contents = []
-    for (path, size, _), what in ((observation, "observation file"), (navigation, "navigation file")):
+    for (path, size, _), what in ((observation, OBSERVATION), (navigation, NAVIGATION)):
         try:
             with open(path, "rb") as file:
                 contents.append(file.read(size + 1))
         except OSError as error:
-            raise LogError(f"the {what} cannot be read: {error.strerror}") from None
+            raise refusal(what, f"cannot be read: {error.strerror}") from None
     return parse(*contents)
 
 
@@ -163,14 +169,14 @@ def _load(text: str, what: str) -> Any:
             warnings.simplefilter("ignore")
             return georinex.load(io.StringIO(text), use={"G"})
     except Exception as error:  # whatever a reader of a foreign format may raise is one thing here: unreadable
-        raise LogError(f"the {what} cannot be read: it is corrupt ({type(error).__name__})") from None
+        raise refusal(what, f"cannot be read: it is corrupt ({type(error).__name__})") from None
 
 
 def _pseudoranges(observed: Observations) -> tuple[Array, Array]:
     """Times (epochs,) on the GPS scale [s] and pseudoranges (epochs, 32)."""
     stamps, rows = [], []
     for first in range(0, len(observed.epochs), _BLOCK):
-        data = _load(observed.header + "".join(observed.epochs[first : first + _BLOCK]), "observation file")
+        data = _load(observed.header + "".join(observed.epochs[first : first + _BLOCK]), OBSERVATION)
         values = np.full((data.time.size, PRNS), np.nan)
         columns = [int(str(name)[1:]) - 1 for name in data.sv.values]
         kept = [i for i, column in enumerate(columns) if 0 <= column < PRNS]
@@ -190,12 +196,10 @@ def _grid(stamps: Array, pseudorange: Array, nominal: float | None) -> tuple[Arr
     steps = steps[steps > 1e-3]
     interval = round(float(np.median(steps)), 2) if len(steps) else float(nominal or 1.0)
     if interval < 0.01:
-        raise LogError("the observation file has more than 100 epochs a second")
+        raise refusal(OBSERVATION, "has more than 100 epochs a second")
     place = np.round((stamps - stamps[0]) / interval).astype(np.int64)
     if place[-1] >= MAX_EPOCHS:
-        raise LogError(
-            f"the observation file spans {place[-1] + 1} epochs of {interval:g} s; at most {MAX_EPOCHS} are read"
-        )
+        raise refusal(OBSERVATION, f"spans {place[-1] + 1} epochs of {interval:g} s; at most {MAX_EPOCHS} are read")
     seconds = stamps[0] + interval * np.arange(place[-1] + 1.0)
     grid = np.full((len(seconds), PRNS), np.nan)
     seconds[place], grid[place] = stamps, pseudorange
@@ -203,23 +207,23 @@ def _grid(stamps: Array, pseudorange: Array, nominal: float | None) -> tuple[Arr
 
 
 def _ephemerides(text: str) -> Ephemerides:
-    data = _load(text, "navigation file")
+    data = _load(text, NAVIGATION)
     missing = [name for name in broadcast.FIELDS if name not in data]
     if missing:
-        raise LogError(f"the navigation file cannot be read: it lacks {missing[0]}")
+        raise refusal(NAVIGATION, f"cannot be read: it lacks {missing[0]}")
     fields = np.stack([np.asarray(data[name].values, dtype=np.float64) for name in broadcast.FIELDS])
     epoch, column = np.nonzero(np.isfinite(fields).any(axis=0))
     if not len(epoch):
-        raise LogError("the navigation file holds no ephemeris of a GPS satellite")
+        raise refusal(NAVIGATION, "holds no ephemeris of a GPS satellite")
     rows = fields[:, epoch, column]
     if not np.isfinite(rows).all():
-        raise LogError("the navigation file is corrupt: an ephemeris lacks some of its numbers")
+        raise refusal(NAVIGATION, "is corrupt: an ephemeris lacks some of its numbers")
     values = dict(zip(broadcast.FIELDS, rows, strict=True))
     toc = _seconds(data.time.values)[epoch]
     toe = values["Toe"] + _WEEK * np.round((toc - values["Toe"]) / _WEEK)
     sane = (values["sqrtA"] > 1000.0) & (values["Eccentricity"] >= 0.0) & (values["Eccentricity"] < 0.3)
     if not sane.all():
-        raise LogError("the navigation file is corrupt: it holds an orbit that no GPS satellite can have")
+        raise refusal(NAVIGATION, "is corrupt: it holds an orbit that no GPS satellite can have")
     ionosphere = data.attrs.get("ionospheric_corr_GPS")
     names = [str(data.sv.values[i]) for i in column]
     return Ephemerides(

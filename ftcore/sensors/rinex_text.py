@@ -22,10 +22,28 @@ _NAVIGATION_LINES: Final = {"G": 8, "R": 4, "E": 8, "J": 8, "C": 8, "I": 8, "S":
 _PACKED: Final = (b"\x1f\x8b", b"BZh", b"PK", b"\x1f\x9d", b"7z", b"\xfd7zXZ")
 
 
-class LogError(ValueError):
-    """A log that cannot be used; the message is one sentence for a person, ``field`` the scenario's part at fault."""
+OBSERVATION: Final = "observation file"
+NAVIGATION: Final = "navigation file"
 
-    field = "parameters.log"
+
+class LogError(ValueError):
+    """A log that cannot be used; the message is one sentence for a person.
+
+    Attributes:
+        part: what of the log is at fault (``observation``, ``navigation`` or ``antenna``), None if the two files
+            do not fit together.
+        field: the same as a place in the scenario.
+    """
+
+    def __init__(self, message: str, part: str | None = None) -> None:
+        super().__init__(message)
+        self.part = part
+        self.field = "parameters.log" + (f".{part}" if part else "")
+
+
+def refusal(what: str, problem: str) -> LogError:
+    """The error that one of the two files (``OBSERVATION`` or ``NAVIGATION``) ``is`` or ``has`` something wrong."""
+    return LogError(f"the {what} {problem}", what.split()[0])
 
 
 @dataclass(frozen=True)
@@ -59,41 +77,41 @@ class _Lines:
 
     def next(self) -> str:
         if self.number >= len(self._lines):
-            raise LogError(f"the {self.what} is truncated: it ends in the middle of a record, at line {self.number}")
+            raise refusal(self.what, f"is truncated: it ends in the middle of a record, at line {self.number}")
         self.number += 1
         return self._lines[self.number - 1]
 
     def corrupt(self) -> LogError:
-        return LogError(f"the {self.what} is corrupt at line {self.number}")
+        return refusal(self.what, f"is corrupt at line {self.number}")
 
 
 def decode(content: bytes, what: str) -> str:
     """The text of a file. Raises LogError for one that is empty, compressed or no text."""
     if not content.strip():
-        raise LogError(f"the {what} is empty")
+        raise refusal(what, "is empty")
     if content.startswith(_PACKED):
-        raise LogError(f"the {what} is compressed; unpack it first")
+        raise refusal(what, "is compressed; unpack it first")
     first = content[:200].splitlines()[0]
     if b"CRINEX VERS" in first:
-        raise LogError(f"the {what} is Hatanaka-compressed; unpack it first (crx2rnx)")
+        raise refusal(what, "is Hatanaka-compressed; unpack it first (crx2rnx)")
     if b"RINEX VERSION / TYPE" not in first:
-        raise LogError(f"the {what} is not a RINEX file: its first line does not say so")
+        raise refusal(what, "is not a RINEX file: its first line does not say so")
     try:
         return content.decode("ascii", errors="strict" if b"\0" in content else "replace")
     except UnicodeDecodeError:
-        raise LogError(f"the {what} is corrupt: it holds bytes that are no text") from None
+        raise refusal(what, "is corrupt: it holds bytes that are no text") from None
 
 
 def observations(text: str, max_epochs: int) -> Observations:
     """Walk an observation file. Raises LogError."""
-    what = "observation file"
+    what = OBSERVATION
     lines = _Lines(text, what)
     version, header = _header(lines, "O")
     codes, wanted = _observables(header, version, lines)
     interval = _number(header.get("INTERVAL", [""])[0][:10])
     system = header.get("TIME OF FIRST OBS", [""])[0][48:51].strip()
     if system not in ("", "GPS"):
-        raise LogError(f"the {what} keeps {system} time; only GPS time is read")
+        raise refusal(what, f"keeps {system} time; only GPS time is read")
     walk = _epoch2 if version == 2 else _epoch3
     epochs = []
     while lines.more():
@@ -101,15 +119,15 @@ def observations(text: str, max_epochs: int) -> Observations:
         if epoch is not None:
             epochs.append(epoch)
         if len(epochs) > max_epochs:
-            raise LogError(f"the {what} has more than {max_epochs} epochs, which is the most that is read")
+            raise refusal(what, f"has more than {max_epochs} epochs, which is the most that is read")
     if not epochs:
-        raise LogError(f"the {what} holds no pseudorange of a GPS satellite")
+        raise refusal(what, "holds no pseudorange of a GPS satellite")
     return Observations(_small_header(version, wanted), tuple(epochs), wanted, interval, _position(header))
 
 
 def navigation(text: str) -> str:
     """Walk a navigation file and keep its header and GPS records. Raises LogError."""
-    what = "navigation file"
+    what = NAVIGATION
     lines = _Lines(text, what)
     version, _ = _header(lines, "N")
     kept = text.splitlines()[: lines.number]
@@ -125,7 +143,7 @@ def navigation(text: str) -> str:
             found = True
             kept += rows
     if not found:
-        raise LogError(f"the {what} holds no ephemeris of a GPS satellite")
+        raise refusal(what, "holds no ephemeris of a GPS satellite")
     return "\n".join(kept) + "\n"
 
 
@@ -150,11 +168,11 @@ def _header(lines: _Lines, kind: str) -> tuple[int, dict[str, list[str]]]:
     value = _number(first[:9])
     version = int(value) if value is not None else 0
     if version not in (2, 3):
-        raise LogError(f"the {lines.what} is RINEX {first[:9].strip()[:8] or '?'}; versions 2 and 3 are read")
+        raise refusal(lines.what, f"is RINEX {first[:9].strip()[:8] or '?'}; versions 2 and 3 are read")
     names = {"O": "an observation file", "N": "a GPS navigation file"}
     if first[20:21].upper() != kind:
         other = names.get(first[20:21].upper(), "another kind of RINEX file")
-        raise LogError(f"the {lines.what} is {other}, not {names[kind]}")
+        raise refusal(lines.what, f"is {other}, not {names[kind]}")
     header: dict[str, list[str]] = {}
     for _ in range(_HEADER_LINES):
         if not lines.more():
@@ -164,7 +182,7 @@ def _header(lines: _Lines, kind: str) -> tuple[int, dict[str, list[str]]]:
         if label == "END OF HEADER":
             return version, header
         header.setdefault(label, []).append(line[:60])
-    raise LogError(f"the {lines.what} is truncated: its header does not end")
+    raise refusal(lines.what, "is truncated: its header does not end")
 
 
 def _observables(header: dict[str, list[str]], version: int, lines: _Lines) -> tuple[list[str], str]:
@@ -179,7 +197,7 @@ def _observables(header: dict[str, list[str]], version: int, lines: _Lines) -> t
     for wanted in _CODES[version]:
         if wanted in codes:
             return codes, wanted
-    raise LogError(f"the {lines.what} holds no code pseudorange of GPS on L1 ({', '.join(_CODES[version][:2])})")
+    raise refusal(lines.what, f"holds no code pseudorange of GPS on L1 ({', '.join(_CODES[version][:2])})")
 
 
 def _of_gps(rows: list[str]) -> list[str]:

@@ -337,7 +337,7 @@ def test_given_the_operators_fault_then_it_lies_over_the_real_pseudorange_and_on
 def test_given_the_end_of_the_log_then_there_is_no_fix_and_it_says_so(log):
     p = Parameters(log=Log(observation="o", navigation="n", antenna=ANTENNA))
     assert p.log is not None
-    plant, navigator = LogPlant(log, p.log, 1, 1.0), Navigator(p, 1, log.interval)
+    plant, navigator = LogPlant(log, p.log, 1), Navigator(p, 1, log.interval)
     controls = Controls({"gps": True}, Settings())
     plant_state, state = plant.initial(), navigator.initial(controls)
     codes, kinds = [], []
@@ -370,7 +370,7 @@ def campaign(log, sizes, mask=5.0, **chosen):
     bias = np.zeros((len(cases), len(SATELLITES)))
     for i, (size, prn) in enumerate(cases):
         bias[i, len(SLOTS) + prn] = size
-    plant, navigator = LogPlant(log, p.log, len(cases), 1.0), Navigator(p, len(cases), log.interval)
+    plant, navigator = LogPlant(log, p.log, len(cases)), Navigator(p, len(cases), log.interval)
     controls = Controls({"gps": True}, Settings(**chosen))
     state, plant_state = navigator.initial(controls), plant.initial()
     names = ("epochs", "detected", "right", "wrong", "wrong_combined", "cannot_isolate", "hazardous", "unnoticed")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ftcore.noise import NoiseSource
-from ftcore.systems.base import Assembly, Plant
+from ftcore.systems.base import Assembly
 from ftcore.systems.gps_receiver.description import description
 from ftcore.systems.gps_receiver.forms import Parameters, Settings
 from ftcore.systems.gps_receiver.names import EPOCH, SUBJECTS, TESTS
@@ -30,10 +30,9 @@ class GpsReceiver:
         from ftcore.systems.gps_receiver.reporter import Reporter
 
         p: Parameters = parameters
-        plant: Plant
         if p.log is None:
-            plant, dt = SimulatedPlant(p, noise), EPOCH
-        else:
-            log = rinex.read(p.log.observation, p.log.navigation)
-            plant, dt = LogPlant(log, p.log, len(runs), EPOCH), log.interval
-        return Assembly(plant, Navigator(p, len(runs), dt), Reporter(), TESTS, SUBJECTS)
+            return Assembly(SimulatedPlant(p, noise), Navigator(p, len(runs), EPOCH), Reporter(), TESTS, SUBJECTS)
+        log = rinex.read(p.log.observation, p.log.navigation)
+        dt = log.interval
+        plant = LogPlant(log, p.log, len(runs))
+        return Assembly(plant, Navigator(p, len(runs), dt), Reporter(), TESTS, SUBJECTS, period=dt, epochs=len(log))

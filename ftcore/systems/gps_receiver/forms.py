@@ -12,6 +12,9 @@ from pydantic import Field
 from ftcore.systems.base import Form
 from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, quantity
 
+LONGEST_LOG = 108_000.0
+"""Longest flight on a log [s]: thirty hours, the most epochs that are read at half a minute each."""
+
 
 class Receiver(Form):
     """Where the simulated receiver stands, and when."""
@@ -60,6 +63,11 @@ class Parameters(Form):
     receiver: Receiver = Receiver()
     filter: Filter = Filter()
     log: Log | None = Field(default=None, description="a receiver's log; the simulated receiver if absent")
+
+    @property
+    def longest(self) -> float:
+        """Longest flight [s]; a log holds no path."""
+        return super().longest if self.log is None else LONGEST_LOG
 
 
 class Settings(Supervised):

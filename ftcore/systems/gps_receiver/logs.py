@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ftcore.sensors import rinex
-from ftcore.systems.gps_receiver.forms import Log
-from ftcore.systems.gps_receiver.names import EPOCH
+from ftcore.systems.gps_receiver.forms import LONGEST_LOG, Log
 
 
 def log_scenario(
@@ -30,12 +29,13 @@ def log_scenario(
         "id": "receiver-log",
         "title": f"Receiver log of {log.start}",
         "summary": (
-            f"{len(log)} epochs of {log.interval:g} s from {log.start}, played one a second. The pseudoranges are the "
-            "receiver's own; faults lie over them."
+            f"{len(log)} epochs of {log.interval:g} s from {log.start}. The pseudoranges are the receiver's own; "
+            "faults lie over them. Errors are against the position of the antenna"
+            + (", as the observation file's header has it, which may be metres off." if antenna is None else ".")
         ),
         "hint": "Press Run, then break a satellite that is in view: it must turn grey, and the error must not move.",
         "source": "a receiver's log",
         "system": "gps-receiver",
-        "duration": len(log) * EPOCH,
+        "duration": min(len(log) * log.interval, LONGEST_LOG),
         "parameters": {"log": form.model_dump(mode="json", exclude_defaults=True)},
     }

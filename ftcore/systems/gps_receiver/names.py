@@ -12,7 +12,7 @@ PRNS: Final = tuple(f"G{prn:02d}" for prn in range(1, 33))
 """Satellites of a receiver's log."""
 SATELLITES: Final = (*SLOTS, *PRNS)
 EPOCH: Final = 1.0
-"""Seconds between epochs; a log is played one of its epochs a second."""
+"""Seconds between epochs of the simulated receiver; a log has its own."""
 
 ESTIMATORS: Final = {
     "snapshot": "snapshot",

@@ -71,15 +71,16 @@ class SimulatedPlant:
 class LogPlant:
     """See :class:`ftcore.systems.base.Plant`. Plays a receiver's log, one of its epochs an epoch.
 
-    The pseudoranges are the receiver's; all runs see the same, and only what the operator lays over them differs. After
-    the log's end there are no readings.
+    The pseudoranges are the receiver's; all runs see the same, and only what the operator lays over them differs. A
+    pseudorange that the log lacks is not valid, and reads as the last one before: that is what a stuck or late reading
+    goes back to. After the log's end there are no readings.
     """
 
-    def __init__(self, log: rinex.ObservationLog, p: Log, runs: int, period: float) -> None:
+    def __init__(self, log: rinex.ObservationLog, p: Log, runs: int) -> None:
         self._log = log
         self._runs = runs
-        self._period = period
         self._truth = standing(reference(log, p))
+        self._pseudorange = held(log.pseudorange)
 
     def initial(self) -> PlantState:
         """Before the first epoch."""
@@ -87,7 +88,7 @@ class LogPlant:
 
     def step(self, state: PlantState, epoch: int, command: object) -> tuple[PlantState, Truth, Readings]:
         """One epoch of the log."""
-        log, now, row = self._log, epoch * self._period, epoch - 1
+        log, now, row = self._log, epoch * self._log.interval, epoch - 1
         values = np.zeros((1, len(SATELLITES)))
         valid = np.zeros((1, len(SATELLITES)), bool)
         satellites = np.zeros((len(SATELLITES), 3))
@@ -95,7 +96,7 @@ class LogPlant:
         time = log.week_seconds[-1] + log.interval * (epoch - len(log))
         if row < len(log):
             time = log.week_seconds[row]
-            values[0, _PRN_COLUMNS] = np.nan_to_num(log.pseudorange[row])
+            values[0, _PRN_COLUMNS] = self._pseudorange[row]
             valid[0, _PRN_COLUMNS] = np.isfinite(log.pseudorange[row])
             satellites[_PRN_COLUMNS] = np.nan_to_num(log.satellites[row])
             clock[_PRN_COLUMNS] = np.nan_to_num(log.clock[row])
@@ -105,6 +106,15 @@ class LogPlant:
         values = np.repeat(values, self._runs, axis=0)
         groups = {"gps.pseudorange": Group(values, valid, np.asarray(now))}
         return state, self._truth, Readings(now, groups, aiding)
+
+
+def held(values: Array) -> Array:
+    """Columns ``(epochs, n)`` with every gap (NaN) at the value before it, at the first value after it at the start."""
+    known = np.isfinite(values)
+    epochs = np.arange(len(values))[:, None]
+    before = np.maximum.accumulate(np.where(known, epochs, -1), axis=0)
+    source = np.where(before < 0, known.argmax(axis=0), before)
+    return np.nan_to_num(np.take_along_axis(values, source, axis=0))
 
 
 def standing(position_e: Array) -> Truth:
@@ -121,11 +131,15 @@ def reference(log: rinex.ObservationLog, p: Log) -> Array:
     """
     if p.antenna is None:
         if log.approximate is None:
-            raise rinex.LogError("the observation file gives no approximate position; give the antenna's position")
+            raise rinex.LogError(
+                "the observation file gives no approximate position; give the antenna's position", "antenna"
+            )
         return log.approximate
     position = np.array(p.antenna)
     if not 6.3e6 < float(np.linalg.norm(position)) < 6.5e6:
-        raise rinex.LogError("the antenna's position is not near the Earth's surface; Earth-fixed metres are wanted")
+        raise rinex.LogError(
+            "the antenna's position is not near the Earth's surface; Earth-fixed metres are wanted", "antenna"
+        )
     return position
 
 

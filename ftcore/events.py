@@ -86,8 +86,8 @@ def edges(
             subject,
             {
                 "test": name,
-                "statistic": float(output.statistic[run, column]),
-                "threshold": float(output.threshold[run, column]),
+                "statistic": _number(output.statistic[run, column]),
+                "threshold": _number(output.threshold[run, column]),
                 "dof": float(output.dof[run, column]),
             },
         )
@@ -100,8 +100,8 @@ def edges(
             because = [
                 {
                     "test": name,
-                    "statistic": float(output.statistic[run, i]),
-                    "threshold": float(output.threshold[run, i]),
+                    "statistic": _number(output.statistic[run, i]),
+                    "threshold": _number(output.threshold[run, i]),
                 }
                 for i, (name, subject) in enumerate(tests)
                 if output.alarm[run, i] and subject == subjects[column]
@@ -114,3 +114,8 @@ def edges(
                 for name, value in notice.numbers.items()
             }
             yield run, notice.kind, notice.subject, numbers
+
+
+def _number(value: Any) -> float | None:
+    """A number of an event; None where a test had nothing to judge: NaN is not even equal to itself."""
+    return None if np.isnan(value) else float(value)

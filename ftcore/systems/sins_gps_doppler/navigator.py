@@ -203,10 +203,12 @@ class Navigator:
         detail = self._detail(readings, ins, filters, fused, imu, gps, doppler, lines)
         health = np.concatenate([decision.health, imu.decision.health], axis=-1).astype(np.int8)
         both_used = np.concatenate([used & has_reading, imu.used.reshape(runs, -1)], axis=-1)
+        dof = np.concatenate([tests.dof, imu.dof], axis=-1)
+        judged = dof > 0  # a test without a reading has no statistic: a gap, not a zero
         output = Output(
-            statistic=np.concatenate([tests.statistic, imu.statistic], axis=-1),
-            threshold=np.concatenate([tests.threshold, imu.threshold], axis=-1),
-            dof=np.concatenate([tests.dof, imu.dof], axis=-1),
+            statistic=np.where(judged, np.concatenate([tests.statistic, imu.statistic], axis=-1), np.nan),
+            threshold=np.where(judged, np.concatenate([tests.threshold, imu.threshold], axis=-1), np.nan),
+            dof=dof,
             alarm=np.concatenate([tests.alarm, imu.alarm], axis=-1),
             health=health,
             used=both_used,

@@ -137,12 +137,12 @@ def innovation_tests(
 
 
 def state_tests(
-    pair: Propagators, updates: SubsetUpdates, H: Array, p_suspect: float = P_SUSPECT, p_reject: float = P_REJECT
+    pair: Propagators, updates: SubsetUpdates, p_suspect: float = P_SUSPECT, p_reject: float = P_REJECT
 ) -> SubsystemTests:
     """q of every subsystem in the state form, (12).
 
     `updates`: those of the fused prediction; a subsystem's x_KF is the combination of the models' updates with it
-    alone, weighed by the mode probabilities that its own likelihood gives, as in its local IMM filter. H (runs, m, n).
+    alone, weighed by the mode probabilities that its own likelihood gives, as in its local IMM filter.
     W counts in the directions in which x_KF knows more than the reference: dof is how many. Where it is 0 there is
     nothing to hold against the subsystem, and it is believed.
     """
@@ -152,7 +152,7 @@ def state_tests(
     W = np.zeros((max(len(x_S), len(updates.HPH)), layout.rows, layout.rows))
     present = updates.dof > 0
     for i, rows in enumerate(layout.slices):
-        H_i = H[:, rows]
+        H_i = updates.H[:, rows]
         C = updates.HPH[:, :, rows, rows]
         alone = 2**i
         local = imm.Mixture(

@@ -82,8 +82,10 @@ class SubsetUpdates:
 
     prior: Mixture
     layout: Layout
+    H: Array
+    """(runs, m, n); rows that are not valid are 0 here and below."""
     HP: Array
-    """H P, (runs, M, m, n); rows that are not valid are 0."""
+    """H P, (runs, M, m, n)."""
     HPH: Array
     """H P H', (runs, M, m, m)."""
     inverse: Array
@@ -169,6 +171,7 @@ def subset_updates(
     return SubsetUpdates(
         prior,
         layout,
+        H,
         HP,
         HPH,
         inverse,

@@ -1,0 +1,135 @@
+"""One fault-tolerant filter of 002: IMM predictions, two propagators, tests on every aid, fusion of the subsets.
+
+The system flies two of them on the same measurements: with the IMM, and without it (one model, Q_small).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore.detection import chi_square, propagators
+from ftcore.detection.chi_square import Propagators
+from ftcore.detection.propagators import SubsystemTests
+from ftcore.estimation import imm, tolerant_fusion
+from ftcore.estimation.imm import Mixture
+from ftcore.estimation.tolerant_fusion import Fusion, Layout, SubsetUpdates
+from ftcore.systems.base import Flags
+from ftcore.systems.sins_gps_bd2_cns.forms import Settings
+from ftcore.systems.sins_gps_bd2_cns.names import AIDS
+
+Array = NDArray[np.float64]
+LAYOUT = Layout(tuple(AIDS), (3, 3, 3))
+RESCUE_WINDOW = 20
+"""Epochs over which GPS and BD2 must agree against the reference before they are believed."""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """What a fault-tolerant filter carries: mixture, propagators, and seconds since each reset ``(runs, 2)``."""
+
+    mixture: Mixture
+    pair: Propagators
+    age: Array
+
+
+@dataclass(frozen=True)
+class Measured:
+    """All aids at one epoch: y ``(runs, 9)`` = SINS - sensor, H ``(runs, 9, 15)``, R ``(9,)``, valid ``(runs, 9)``."""
+
+    y: Array
+    H: Array
+    R: Array
+    valid: Flags
+
+
+@dataclass(frozen=True)
+class Examined:
+    """The tests of an epoch.
+
+    Attributes:
+        innovation: q in its innovation form.
+        state: q in its state form; None where nobody asked for it.
+        driving: the one of them that weighs the aids.
+        believed: ``(runs, 3)`` rejected aids that agree with each other against the reference.
+        beta: ``(runs, 3)`` validity of each aid, (15).
+        updates: the filter's updates with every subset of the aids.
+    """
+
+    innovation: SubsystemTests
+    state: SubsystemTests | None
+    driving: SubsystemTests
+    believed: Flags
+    beta: Array
+    updates: SubsetUpdates
+
+
+def start(x: Array, P: Array, mu: Array) -> Branch:
+    """Everybody at ``x (runs, 15)``, ``P (runs, 15, 15)``; ``mu (models,)``."""
+    runs = len(x)
+    return Branch(
+        imm.start(x, P, mu),
+        chi_square.start_propagators(x, P),
+        np.zeros((runs, 2)),
+    )
+
+
+def predict(branch: Branch, Phi: Array, Q: Array, transition: Array) -> Branch:
+    """Carry everything over one epoch with Phi ``(runs, 15, 15)`` and Q ``(runs, models, 15, 15)``."""
+    prior = imm.predict(branch.mixture, Phi, Q, transition)
+    return replace(branch, mixture=prior, pair=propagators.carry(branch.pair, Phi, Q, prior.mu), age=branch.age + 1.0)
+
+
+def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool) -> tuple[Branch, Examined]:
+    """Test every aid against the reference; ``shadows``: make the state form too where it does not drive."""
+    bounds = settings.doubt_probability, settings.false_alarm_probability
+    innovation = propagators.innovation_tests(branch.pair, m.y, m.H, m.R, LAYOUT, m.valid, *bounds)
+    updates = tolerant_fusion.subset_updates(branch.mixture, m.y, m.H, m.R, LAYOUT, m.valid)
+    by_state = settings.driving_test == "two-propagator-state"
+    state = None
+    if shadows or by_state:
+        state = propagators.state_tests(branch.pair, updates, m.H, *bounds)
+    driving = state if by_state and state is not None else innovation
+    believed = np.zeros_like(driving.present)
+    beta = driving.present.astype(float)
+    if settings.driving_test != "none":
+        beta = np.where(believed, 1.0, driving.beta)
+    return branch, Examined(innovation, state, driving, believed, beta, updates)
+
+
+def fuse(branch: Branch, examined: Examined, beta: Array, settings: Settings) -> tuple[Branch, Fusion]:
+    """Fuse the subsets of aids with the validities ``beta (runs, 3)``; where two were believed against the reference,
+    the propagators restart from the result."""
+    fusion = tolerant_fusion.fuse(examined.updates, beta, examined.driving.q, settings.mode_driver)
+    rescued = np.asarray(examined.believed.any(axis=1))
+    return renew(replace(branch, mixture=fusion.mixture), fusion.x, fusion.P, rescued), fusion
+
+
+def renew(branch: Branch, x: Array, P: Array, where: Flags) -> Branch:
+    """Both propagators restart from an estimate in the runs ``where``: their reference was wrong."""
+    if not where.any():
+        return branch
+    return replace(
+        branch,
+        pair=propagators.renew(branch.pair, x, P, where),
+        age=np.where(where[:, None], 0.0, branch.age),
+    )
+
+
+def alternate(branch: Branch, x: Array, P: Array) -> Branch:
+    """The older propagator restarts from an estimate; the other one is the reference from now on."""
+    due = np.stack([branch.pair.reference == 0, branch.pair.reference == 1], axis=1)
+    return replace(branch, pair=chi_square.alternate(branch.pair, x, P), age=np.where(due, 0.0, branch.age))
+
+
+def feed_back(branch: Branch, dx: Array) -> Branch:
+    """The strapdown was corrected by ``dx (runs, 15)``: all errors are about a new origin."""
+    return replace(branch, mixture=imm.shift(branch.mixture, dx), pair=propagators.feed_back(branch.pair, dx))
+
+
+def widen(branch: Branch, jump: Array) -> Branch:
+    """The errors jumped by something of covariance ``jump (runs, 15, 15)``."""
+    mixture = replace(branch.mixture, P=branch.mixture.P + jump[:, None])
+    return replace(branch, mixture=mixture, pair=replace(branch.pair, P=branch.pair.P + jump[:, None]))

@@ -1,0 +1,168 @@
+"""How the SINS/GPS/BD2/CNS system describes itself: channels, tests, signals, charts, diagram, scene."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from ftcore.description import Channel, Signal, Subsystem, SystemDescription, Test
+from ftcore.faults import ALL_KINDS
+from ftcore.systems.sins_gps_bd2_cns.charts import charts
+from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
+from ftcore.systems.sins_gps_bd2_cns.names import (
+    AIDS,
+    AXES,
+    BODY,
+    EPOCH,
+    ERRORS,
+    ESTIMATORS,
+    MODELS,
+    SUBJECTS,
+    SUBSET_LABELS,
+    SUBSETS,
+    TEST_LABELS,
+    TESTS,
+    subject_label,
+)
+from ftcore.systems.sins_gps_bd2_cns.pictures import blocks, scene, wires
+
+_AID_PARTS = {
+    "gps": ("position", "m", ("east", "north", "up"), 12.0),
+    "bd2": ("position", "m", ("east", "north", "up"), 12.0),
+    "cns": ("attitude", "arcsec", ("roll", "pitch", "heading"), 20.0),
+}
+
+
+def _channels() -> list[Channel]:
+    found = []
+    for sensor, (quantity, unit, parts, typical) in _AID_PARTS.items():
+        name = AIDS[sensor]
+        for i, part in enumerate(parts):
+            found.append(_channel(sensor, sensor, quantity, part, f"{name} {part}", unit, (i,), typical))
+        what = "all axes" if quantity == "position" else "all angles"
+        found.append(_channel(sensor, sensor, quantity, "all", f"{name} {quantity}, {what}", unit, (0, 1, 2), typical))
+    for cluster, unit, typical in (("gyro", "deg/h", 20.0), ("accelerometer", "mg", 1.0)):
+        name = cluster.capitalize()
+        group = f"imu.{cluster}"
+        for i, axis in enumerate(AXES):
+            sensor = group if axis in BODY else f"{group}.{axis[0]}"
+            label = f"{name} {axis}" if axis in BODY else f"{name} {axis} (redundant IMU)"
+            found.append(_channel(sensor, "imu", cluster, axis, label, unit, (i,), typical))
+        everything = tuple(range(len(AXES)))
+        found.append(_channel(group, "imu", cluster, "all", f"{name}, all axes", unit, everything, typical))
+    return found
+
+
+def _channel(
+    sensor: str, prefix: str, quantity: str, part: str, label: str, unit: str, parts: tuple[int, ...], typical: float
+) -> Channel:
+    return Channel(
+        name=f"{prefix}.{quantity}.{part}",
+        label=label,
+        unit=unit,
+        sensor=sensor,
+        group=f"{prefix}.{quantity}",
+        parts=parts,
+        kinds=ALL_KINDS,
+        typical=typical,
+    )
+
+
+def _tests() -> list[Test]:
+    rows = (
+        ("two-propagator", "readings of the aid, 3", "002 (12)-(13), innovation form", True),
+        ("two-propagator-state", "directions learned, up to 3", "002 (12)-(13), state form", True),
+        ("two-propagator-without-imm", "readings of the aid, 3", "002 [20], innovation form", False),
+    )
+    found = [
+        Test(name=n, label=TEST_LABELS[n], subjects=tuple(AIDS), dof=dof, source=source, may_drive=drives)
+        for n, dof, source, drives in rows
+    ]
+    for name, source in (("parity", "001 (29)-(32)"), ("glt", "000 [12]")):
+        found.append(
+            Test(
+                name=name,
+                label=TEST_LABELS[name],
+                subjects=tuple(subject for test, subject in TESTS if test == name),
+                dof="3 for the whole; 1 for an instrument; none without the redundant IMU",
+                source=source,
+            )
+        )
+    return found
+
+
+def _signals() -> list[Signal]:
+    found = []
+    for estimator, label in ESTIMATORS.items():
+        for kind in ("error", "sigma"):
+            for quantity, (unit, parts) in ERRORS.items():
+                for part in parts:
+                    name = f"{estimator}.{kind}.{quantity}.{part}"
+                    words = f"{label}: {quantity} {part} {'error' if kind == 'error' else '1-sigma'}"
+                    found.append(Signal(name=name, label=words, unit=unit, group=kind))
+        horizontal = f"{estimator}.error.position.horizontal"
+        found.append(Signal(name=horizontal, label=f"{label}: horizontal position error", unit="m", group="error"))
+        found.append(Signal(name=f"{estimator}.nees", label=f"{label}: NEES, 9 states", unit="1", group="consistency"))
+    for test, subject in TESTS:
+        for part in ("statistic", "threshold", "dof", "alarm"):
+            label = f"{TEST_LABELS[test]}, {subject_label(subject)}: {part}"
+            found.append(Signal(name=f"test.{test}.{subject}.{part}", label=label, unit="1", group="test"))
+    for aid, label in AIDS.items():
+        words = f"two-propagator test, {label}: lower threshold, doubt"
+        found.append(Signal(name=f"test.two-propagator.{aid}.doubt", label=words, unit="1", group="test"))
+    for aid, label in AIDS.items():
+        found.append(Signal(name=f"validity.{aid}", label=f"validity of {label}", unit="1", group="weight"))
+    for name, label in zip(SUBSETS, SUBSET_LABELS, strict=True):
+        found.append(Signal(name=f"weight.{name}", label=f"weight of {label}", unit="1", group="weight"))
+    for model in MODELS:
+        found.append(Signal(name=f"probability.{model}", label=f"probability of Q {model}", unit="1", group="weight"))
+    found.append(Signal(name="propagator.reference", label="which propagator is the reference", unit="1", group="test"))
+    for which in ("1", "2", "reference"):
+        words = "the reference propagator" if which == "reference" else f"propagator {which}"
+        found.append(Signal(name=f"propagator.{which}.age", label=f"age of {words}", unit="s", group="test"))
+    for subject in SUBJECTS:
+        found.append(Signal(name=f"used.{subject}", label=f"{subject_label(subject)} used", unit="1", group="decision"))
+    for cluster, unit in (("gyro", "deg/h"), ("accelerometer", "mg")):
+        for i in (1, 2, 3):
+            found.append(
+                Signal(name=f"parity.{cluster}.{i}", label=f"{cluster} parity vector {i}", unit=unit, group="parity")
+            )
+    found += [
+        Signal(name="truth.height", label="true height", unit="m", group="flight"),
+        Signal(name="truth.speed", label="true ground speed", unit="m/s", group="flight"),
+        Signal(name="truth.roll", label="true roll", unit="deg", group="flight"),
+        Signal(name="truth.pitch", label="true pitch", unit="deg", group="flight"),
+        Signal(name="truth.heading", label="true heading", unit="deg", group="flight"),
+    ]
+    return found
+
+
+@lru_cache(maxsize=1)
+def description() -> SystemDescription:
+    """The whole description."""
+    return SystemDescription(
+        id="sins-gps-bd2-cns",
+        title="SINS/GPS/BD2/CNS with IMM and tolerant fusion",
+        summary=(
+            "A strapdown inertial system aided by two satellite systems and a star tracker, over an hour of high and "
+            "low manoeuvre. Two alternating propagators test every aid, an interacting multiple model adapts to the "
+            "manoeuvre, and eight subsets of aids are fused by how much each aid may be believed."
+        ),
+        source=(
+            "C. Yang, A. Mohammadi and Q.-W. Chen, Multi-sensor fusion with interaction multiple model and chi-square "
+            "test tolerant filter, Sensors 16 (2016) 1835"
+        ),
+        epoch=EPOCH,
+        channels=tuple(_channels()),
+        subsystems=tuple(Subsystem(name=name, label=label) for name, label in AIDS.items()),
+        estimators=ESTIMATORS,
+        tests=tuple(_tests()),
+        signals=tuple(_signals()),
+        charts=tuple(charts()),
+        blocks=tuple(blocks()),
+        wires=tuple(wires()),
+        scene=tuple(scene()),
+        settings_schema=Settings.model_json_schema(),
+        parameters_schema=Parameters.model_json_schema(),
+        score_headline=("fused.error.position.horizontal", "unprotected.error.position.horizontal"),
+        score_label="Worst horizontal error",
+    )

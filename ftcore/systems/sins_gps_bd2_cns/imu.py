@@ -1,0 +1,161 @@
+"""The IMU as the navigator uses it: samples along the body axes, of the plain IMU or of the redundant one with its FDI.
+
+Two solutions where there are two: *protected*, of the instruments that are trusted, and *unprotected*, of all there
+are. The plain IMU has one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore import units
+from ftcore.detection import supervisor
+from ftcore.detection.geometry import Cluster, three_two_dof
+from ftcore.earth import STANDARD_GRAVITY
+from ftcore.readings import Group, Readings
+from ftcore.systems.base import Flags
+from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
+from ftcore.systems.sins_gps_bd2_cns.names import BODY, EPOCH, IMU_TESTS, INSTRUMENTS
+from ftcore.systems.sins_gps_doppler.forms import Settings as RedundantSettings
+from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
+
+Array = NDArray[np.float64]
+GROUPS = ("imu.gyro", "imu.accelerometer")
+COLUMNS = len(IMU_TESTS) * len(GROUPS) * 4
+
+
+@dataclass(frozen=True)
+class State:
+    """Mean readings of the plain IMU's last epoch ``(runs, 2, 3)``, and what the redundant IMU carries."""
+
+    held: Array
+    redundant: ImuState | None
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """What the IMU gives the navigator; S is 1 for the plain IMU, 2 for the redundant one.
+
+    Attributes:
+        omega_b, f_b: ``(runs, S, samples, 3)``.
+        noise: ``(runs or 1, S, 2, 3, 3)`` body noise covariance density of gyros and accelerometers.
+        tests: statistic, threshold, dof, alarm ``(runs, 16)`` of the redundant IMU; NaN, 0, 0 and False without one.
+        health, used: ``(runs, 6)`` instruments.
+        redundant: its own report; None without one.
+    """
+
+    omega_b: Array
+    f_b: Array
+    noise: Array
+    tests: tuple[Array, Array, Array, Flags]
+    health: NDArray[np.int8]
+    used: Flags
+    redundant: ImuEpoch | None
+
+
+def geometry(p: Parameters) -> Cluster:
+    """Three 2-DOF instruments at the mounting angles: the redundant IMU."""
+    return three_two_dof(*(math.radians(angle) for angle in p.inertial.mounting))
+
+
+def input_axes(p: Parameters) -> Array:
+    """Unit input axes ``(k, 3)`` of the IMU that is fitted."""
+    return np.eye(3) if p.inertial.configuration == "three-axis" else geometry(p).H
+
+
+class Imu:
+    """Either IMU. ``calibration`` are the mean readings at rest ``(runs, 2, k)``."""
+
+    def __init__(self, p: Parameters, runs: int, calibration: Array) -> None:
+        i = p.inertial
+        self.runs = runs
+        self.density = np.array(
+            [units.to_si(i.angle_random_walk, "deg/sqrt(h)"), units.to_si(i.accelerometer_noise, "ug/sqrt(Hz)")]
+        )
+        self.bias = np.array([units.to_si(i.gyro_bias, "deg/h"), units.to_si(i.accelerometer_bias, "ug")])
+        self.cluster = None if i.configuration == "three-axis" else geometry(p)
+        self._redundant: RedundantImu | None = None
+        if self.cluster is not None:
+            # Scale factors are repeatable and large: what a manoeuvre makes of them is no failure.
+            f = p.flight
+            turning = STANDARD_GRAVITY * math.tan(math.radians(f.high_bank)) / f.speed
+            scale = units.to_si(i.scale_factor, "ppm") * np.array([turning, STANDARD_GRAVITY])
+            self._believed = np.hypot(self.density, scale * math.sqrt(EPOCH))
+            self._redundant = RedundantImu(self.cluster, self._believed, self.bias, calibration, i.calibration, EPOCH)
+        nothing = np.zeros((runs, COLUMNS))
+        self._untested = (np.full((runs, COLUMNS), np.nan), nothing, nothing, nothing.astype(bool))
+        self._unused = np.zeros((runs, len(INSTRUMENTS)), bool)
+        self._noise = (np.square(self.density)[:, None, None] * np.eye(3))[None, None]
+
+    @property
+    def solutions(self) -> int:
+        """How many solutions there are: 1, or protected and unprotected."""
+        return 1 if self._redundant is None else 2
+
+    def bias_covariance(self) -> Array:
+        """Covariance of the body biases of gyros and accelerometers, ``(2, 3, 3)``."""
+        body = np.eye(3) if self.cluster is None else self.cluster.covariances[-1]
+        return np.asarray(np.square(self.bias)[:, None, None] * body)
+
+    def initial(self) -> State:
+        """Nothing read yet."""
+        redundant = None if self._redundant is None else self._redundant.initial(self.runs)
+        return State(np.zeros((self.runs, len(GROUPS), 3)), redundant)
+
+    def step(
+        self, state: State, readings: Readings, settings: Settings, rules: supervisor.Rules
+    ) -> tuple[State, Epoch]:
+        """One epoch of samples."""
+        gyro, accelerometer = (readings[name] for name in GROUPS)
+        if self._redundant is None:
+            held, (omega_b, f_b) = self._plain(state.held, (gyro, accelerometer))
+            epoch = Epoch(
+                omega_b[:, None],
+                f_b[:, None],
+                self._noise,
+                self._untested,
+                self._unused.astype(np.int8),
+                self._unused,
+                None,
+            )
+            return State(held, None), epoch
+        assert state.redundant is not None
+        p_fa = min(settings.false_alarm_probability, 1e-3)
+        after, found = self._redundant.step(
+            state.redundant,
+            _pairs(gyro),
+            _pairs(accelerometer),
+            RedundantSettings(false_alarm_probability=p_fa, imu_driving_test=settings.imu_driving_test),
+            rules,
+        )
+        noise = found.noise * np.square(self.density / self._believed)[:, None, None]
+        epoch = Epoch(
+            found.omega_b,
+            found.f_b,
+            noise,
+            (found.statistic, found.threshold, found.dof, found.alarm),
+            found.decision.health,
+            found.used.reshape(self.runs, -1),
+            found,
+        )
+        return State(state.held, after), epoch
+
+    def _plain(self, held: Array, groups: tuple[Group, Group]) -> tuple[Array, list[Array]]:
+        """Samples ``(runs, samples, 3)`` of gyros and accelerometers; an axis without readings holds the last."""
+        found, means = [], []
+        for i, group in enumerate(groups):
+            samples = group.values[:, : len(BODY)]
+            if not group.valid[:, : len(BODY)].all():
+                samples = np.where(group.valid[:, : len(BODY), None], samples, held[:, i, :, None])
+            means.append(samples.mean(axis=-1))
+            found.append(samples.swapaxes(-1, -2))
+        return np.stack(means, axis=1), found
+
+
+def _pairs(group: Group) -> Group:
+    """The redundant IMU's columns of a group."""
+    return Group(group.values[:, len(BODY) :], group.valid[:, len(BODY) :], group.times)

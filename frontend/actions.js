@@ -120,6 +120,13 @@ export const switchSubsystem = (name, enabled) => attempt(() => send(commands.sw
 /** Throws Problem: the form shows it at the field. @param {Record<string, unknown>} settings */
 export const configure = (settings) => send(commands.configure(id(), settings));
 
+/** Puts a channel into the fault form and goes there. @param {string} channel */
+export function chooseChannel(channel) {
+  const bench = /** @type {(HTMLElement & {choose(channel: string): void, focusForm(): void}) | null} */ (document.querySelector('ft-bench'));
+  bench?.choose(channel);
+  bench?.focusForm();
+}
+
 /** @type {number | null | undefined} */
 let asked;
 let looking = false;

@@ -46,6 +46,11 @@ export function stackAxis(columns, before) {
   return linearAxis([Float64Array.of(0, high)], [], before);
 }
 
+/** Words for the numbers 0, 1, 2 ... @param {readonly string[]} levels @returns {Axis} */
+export function levelAxis(levels) {
+  return { range: [-0.35, levels.length - 0.35], values: levels.map((_, i) => i), texts: [...levels], type: 'linear' };
+}
+
 /** @param {number} low @param {number} high @returns {[number, number]} */
 function wide(low, high) {
   const room = 0.12 * (high - low);
@@ -85,9 +90,19 @@ export function logAxis(columns, before) {
 function logTicks(range) {
   const decades = range[1] - range[0];
   const every = decades > 4 ? 2 : 1;
+  // One or two decades alone would leave an axis with one or two numbers on it.
+  const between = decades <= 1 ? [2, 5] : decades <= 2 ? [3] : [];
   const values = [];
-  for (let d = Math.ceil(range[0]); d <= range[1]; d += every) values.push(d);
-  return { range, values: values.map((d) => 10 ** d), texts: values.map(decade), type: 'log' };
+  const texts = [];
+  for (let d = Math.ceil(range[0]); d <= range[1]; d += every) {
+    values.push(10 ** d);
+    texts.push(decade(d));
+    for (const part of d < range[1] ? between : []) {
+      values.push(part * 10 ** d);
+      texts.push(number(Number((part * 10 ** d).toPrecision(1)), 1));
+    }
+  }
+  return { range, values, texts, type: 'log' };
 }
 
 /** @param {number} d */

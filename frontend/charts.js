@@ -6,13 +6,17 @@
 import { ghostRecording } from './ghost.js';
 import { extremes, searchAfter, strided } from './recording.js';
 import { recording } from './session.js';
-import { linearAxis, logAxis, stackAxis } from './axes.js';
+import { levelAxis, linearAxis, logAxis, stackAxis } from './axes.js';
 import { timeTicks } from './format.js';
-import { color, style } from './traces.js';
+import { color, style, tint } from './traces.js';
 
 export const MARGIN = { left: 54, right: 14, top: 5, bottom: 5 };
 const LIVE_POINTS = 300;
 const STILL_POINTS = 6000;
+/** With more lines than this only those that have values are told of. */
+export const MANY = 6;
+/** How far apart lines of the same level are drawn [levels]. */
+const BESIDE = 0.055;
 
 /** @type {Promise<void> | null} */
 let plotly = null;
@@ -38,8 +42,8 @@ export class Drawing {
   #yRange = null;
   /** Signals the person has switched off in the legend. @type {Set<string>} */
   hidden = new Set();
-  /** Signals that have no value anywhere in what is drawn. @type {Set<string>} */
-  empty = new Set();
+  /** Where many lines are declared and few have values: the order in which they came, which gives them their colours. @type {Map<string, number>} */
+  #places = new Map();
 
   /** @param {HTMLElement} host @param {Chart} chart @param {SystemDescription} description */
   constructor(host, chart, description) {
@@ -47,6 +51,20 @@ export class Drawing {
     this.chart = chart;
     this.factor = description.signals.find((s) => s.name === chart.traces[0]?.signal)?.factor ?? 1;
     this.factors = new Map(description.signals.map((s) => [s.name, s.factor]));
+  }
+
+  /** Traces that have a value anywhere in the run; all of them while nothing is known. */
+  present() {
+    const { traces } = this.chart;
+    return recording.length || traces.length > MANY ? traces.filter((t) => recording.has(t.signal)) : traces;
+  }
+
+  /** @param {Trace} trace */
+  style(trace) {
+    if (this.chart.traces.length <= MANY) return style(this.chart, trace);
+    const known = this.#places.get(trace.signal) ?? this.#places.size;
+    this.#places.set(trace.signal, known);
+    return style(this.chart, trace, known);
   }
 
   /** @param {Frame} frame */
@@ -57,7 +75,7 @@ export class Drawing {
     const from = Math.max(0, searchAfter(time, frame.range[0]) - 1);
     const to = Math.min(time.length, searchAfter(time, frame.range[1]) + 1);
     const points = frame.live ? LIVE_POINTS : STILL_POINTS;
-    const traces = this.chart.traces.filter((t) => !this.hidden.has(t.signal));
+    const traces = this.present().filter((t) => !this.hidden.has(t.signal));
     const shared = this.chart.stacked ? strided(from, to, points) : null;
     const data = [];
     /** @type {Float64Array[]} */
@@ -72,14 +90,14 @@ export class Drawing {
       const upper = pick(sigma, rows, 3 / this.#scale(trace.sigma));
       const lower = upper.map((v) => -v);
       const band = { type: 'scatter', mode: 'lines', x, line: { width: 0 } };
-      data.push({ ...band, y: lower }, { ...band, y: upper, fill: 'tonexty', fillcolor: tint(style(this.chart, trace).color, 0.13) });
+      data.push({ ...band, y: lower }, { ...band, y: upper, fill: 'tonexty', fillcolor: tint(this.style(trace).color, 0.13) });
       if (upper.length) ends.push(upper[upper.length - 1]);
     }
     for (const trace of frame.ghost ? haunted(traces) : []) {
       const column = ghostRecording.column(trace.signal);
       if (!column?.length) continue;
       const rows = this.#rows(ghostRecording.time, column, frame.range, points);
-      const look = style(this.chart, trace);
+      const look = this.style(trace);
       const y = pick(column, rows, 1 / this.#scale(trace.signal));
       data.push(line(pick(ghostRecording.time, rows, 1), y, { ...look, width: 4, dash: 'solid', opacity: 0.35 }));
       extents.push(y);
@@ -91,12 +109,11 @@ export class Drawing {
       const y = pick(column, rows, 1 / this.#scale(trace.signal));
       // Nothing at or below zero has a place on a logarithmic axis; a gap is more honest than a plunge.
       if (this.chart.scale === 'log') for (let i = 0; i < y.length; i += 1) if (y[i] <= 0) y[i] = NaN;
-      const silent = y.length > 0 && !y.some(Number.isFinite);
-      if (silent) this.empty.add(trace.signal);
-      else this.empty.delete(trace.signal);
-      if (silent) continue;
-      const look = style(this.chart, trace);
-      const drawn = line(pick(time, rows, 1), y, look);
+      if (!y.some(Number.isFinite)) continue;
+      const look = this.style(trace);
+      // Steps that coincide would hide each other: each line keeps a little beside its level.
+      if (this.chart.levels.length) for (let i = 0; i < y.length; i += 1) y[i] += BESIDE * (traces.indexOf(trace) - (traces.length - 1) / 2);
+      const drawn = line(pick(time, rows, 1), y, this.chart.levels.length ? { ...look, shape: 'hv' } : look);
       data.push(this.chart.stacked ? { ...drawn, stackgroup: 'all', fillcolor: tint(look.color, 0.5), line: { ...drawn.line, width: 1 } } : drawn);
       extents.push(y);
     }
@@ -118,6 +135,7 @@ export class Drawing {
 
   /** @param {Float64Array[]} extents @param {number[]} ends */
   #axis(extents, ends) {
+    if (this.chart.levels.length) return levelAxis(this.chart.levels);
     if (this.chart.stacked) return stackAxis(extents, this.#yRange);
     return this.chart.scale === 'log' ? logAxis(extents, this.#yRange) : linearAxis(extents, ends, this.#yRange);
   }
@@ -130,7 +148,7 @@ export class Drawing {
       paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', showlegend: false, hovermode: false, dragmode: false,
       datarevision: this.#revision, uirevision: this.chart.id, font: { family: 'system-ui, "DejaVu Sans", sans-serif', size: 10.5, color: color('dim') },
       xaxis: { ...grid, range: frame.range, tickmode: 'array', tickvals: timeTicks(...frame.range, 10), showticklabels: false },
-      yaxis: { ...grid, type: axis.type, range: axis.range, tickmode: 'array', tickvals: axis.values, ticktext: axis.texts },
+      yaxis: { ...grid, type: axis.type, range: axis.range, tickmode: 'array', tickvals: axis.values, ticktext: axis.texts, ...(this.chart.levels.length ? { ticklabelposition: 'inside top' } : {}) },
     };
   }
 
@@ -145,11 +163,11 @@ export function haunted(traces) {
   return guarded.length ? guarded : traces.filter((t) => t.role !== 'threshold' && t.role !== 'weight');
 }
 
-/** @param {Float64Array} x @param {Float64Array} y @param {import('./traces.js').Style} look */
+/** @param {Float64Array} x @param {Float64Array} y @param {import('./traces.js').Style & {shape?: string}} look */
 function line(x, y, look) {
   return {
     type: 'scatter', mode: 'lines', x, y, opacity: look.opacity, connectgaps: false,
-    line: { color: look.color, width: look.width, dash: look.dash, simplify: false },
+    line: { color: look.color, width: look.width, dash: look.dash, shape: look.shape ?? 'linear', simplify: false },
   };
 }
 
@@ -158,10 +176,4 @@ function pick(column, rows, scale) {
   const values = new Float64Array(rows.length);
   for (let i = 0; i < rows.length; i += 1) values[i] = column[rows[i]] * scale;
   return values;
-}
-
-/** @param {string} hex `#rrggbb` @param {number} opacity */
-function tint(hex, opacity) {
-  const value = Number.parseInt(hex.slice(1), 16);
-  return `rgba(${value >> 16},${(value >> 8) & 255},${value & 255},${opacity})`;
 }

@@ -17,7 +17,7 @@ let busy = false;
 /** Signals worth a ghost: everything but thresholds and sigmas. */
 function signals() {
   const { description, shown } = store.get();
-  const traces = (description?.charts ?? []).filter((c) => shown.includes(c.id)).flatMap((c) => c.traces);
+  const traces = (description?.charts ?? []).filter((c) => c.kind === 'time' && shown.includes(c.id)).flatMap((c) => c.traces);
   return [...new Set(traces.filter((t) => t.role !== 'threshold' && t.role !== 'weight').map((t) => t.signal))];
 }
 

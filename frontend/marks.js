@@ -1,6 +1,6 @@
 /**
  * Events to what is drawn through charts and timeline: stretches of time and single points.
- * @import {Event, Span, Point, SystemDescription} from './types'
+ * @import {Event, Span, Point, SystemDescription, View} from './types'
  */
 import { clock, quantity, number, words, capital } from './format.js';
 
@@ -78,14 +78,30 @@ export function joined(spans, gap) {
   return result;
 }
 
-/** @param {string} name @param {SystemDescription | null} description */
+/** How a person calls a subsystem, a channel, or the one thing in the scene that a sensor is. @param {string} name @param {SystemDescription | null} description @returns {string} */
 export function subjectLabel(name, description) {
-  return description?.subsystems.find((s) => s.name === name)?.label ?? description?.channels.find((c) => c.name === name)?.label ?? words(name);
+  const known = description?.subsystems.find((s) => s.name === name) ?? description?.channels.find((c) => c.name === name);
+  if (known) return known.label;
+  const own = (description?.channels ?? []).filter((c) => c.sensor === name);
+  const item = own.length === 1 && description?.scene.find((one) => one.channel === own[0].name);
+  return item ? item.label : words(name);
 }
 
 /** @param {string} name @param {SystemDescription | null} description */
 export function testLabel(name, description) {
   return description?.tests.find((t) => t.name === name)?.label ?? words(name);
+}
+
+/**
+ * Channels of what the scene does not show now, such as a satellite below the horizon; none while it shows nothing yet.
+ * @param {SystemDescription | null} description
+ * @param {View | null} view
+ * @returns {Set<string>}
+ */
+export function unseen(description, view) {
+  const items = (description?.scene ?? []).filter((item) => item.channel && view?.items?.[item.id]);
+  const away = items.filter((item) => !view?.items[item.id].visible);
+  return new Set(away.length === items.length ? [] : away.map((item) => String(item.channel)));
 }
 
 /** @param {string} channel @param {SystemDescription | null} description */
@@ -153,7 +169,12 @@ export function reason(event, description) {
 /** @param {Record<string, any>} alarm @param {SystemDescription | null} description @param {boolean} named */
 function comparison(alarm, description, named) {
   const sign = alarm.statistic > alarm.threshold ? '>' : '<';
-  const dof = alarm.dof ? ` (${number(alarm.dof)} dof)` : '';
+  const test = description?.tests.find((t) => t.name === alarm.test);
+  // What is told in a unit is no chi-square statistic, and has no degrees of freedom.
+  const unit = test && test.unit !== '1' ? test.unit : '';
+  const signal = unit && description?.signals.find((s) => s.name.startsWith(`test.${alarm.test}.`) && s.name.endsWith('.statistic'));
+  const factor = signal ? signal.factor : 1;
+  const dof = alarm.dof && !unit ? ` (${number(alarm.dof)} dof)` : '';
   const name = named ? `${testLabel(String(alarm.test), description)} ` : '';
-  return `${name}${number(alarm.statistic)} ${sign} ${number(alarm.threshold)}${dof}`;
+  return `${name}${quantity(alarm.statistic / factor, unit)} ${sign} ${quantity(alarm.threshold / factor, unit)}${dof}`;
 }

@@ -11,15 +11,23 @@ export class Recording {
   #time = new Float64Array(1024);
   /** @type {Map<string, Float64Array>} */
   #columns = new Map();
+  /** Signals that have had a value. @type {Set<string>} */
+  #known = new Set();
 
   /** Starts again with these signals. @param {Iterable<string>} names */
   reset(names) {
     this.length = 0;
+    this.#known.clear();
     this.#columns = new Map([...names].map((name) => [name, new Float64Array(this.#time.length)]));
   }
 
   get names() {
     return [...this.#columns.keys()];
+  }
+
+  /** Whether a signal has a value anywhere. @param {string} name */
+  has(name) {
+    return this.#known.has(name);
   }
 
   get time() {
@@ -47,6 +55,7 @@ export class Recording {
     for (const [name, column] of this.#columns) {
       const values = series.signals[name];
       for (let i = 0; i < count; i += 1) column[this.length + i] = values?.[first + i] ?? NaN;
+      if (!this.#known.has(name) && values?.some((value, i) => i >= first && value !== null)) this.#known.add(name);
     }
     this.length += count;
   }
@@ -54,6 +63,7 @@ export class Recording {
   /** Forgets everything after `time`. @param {number} time */
   truncate(time) {
     while (this.length && this.#time[this.length - 1] > time + 1e-9) this.length -= 1;
+    for (const name of this.#known) if (!this.column(name)?.some(Number.isFinite)) this.#known.delete(name);
   }
 
   /** Index of the last row at or before `time`; -1 before the first. @param {number} time */

@@ -7,6 +7,7 @@ import { Recording } from './recording.js';
 import { atBeat } from './scheduler.js';
 import { share, store } from './store.js';
 import { Stream } from './stream.js';
+import { signalsOf } from './traces.js';
 
 export const recording = new Recording();
 /** Says when recorded data changed; charts listen. */
@@ -37,10 +38,7 @@ export function wanted() {
   const names = new Set();
   for (const chart of description?.charts ?? []) {
     if (!shown.includes(chart.id)) continue;
-    for (const trace of chart.traces) {
-      names.add(trace.signal);
-      if (trace.sigma) names.add(trace.sigma);
-    }
+    for (const name of signalsOf(chart)) names.add(name);
   }
   return /** @type {string[]} */ ([...names].slice(0, MOST_SIGNALS));
 }

@@ -30,9 +30,20 @@ export function forgetColors() {
 
 const SERIES = ['series-1', 'series-2', 'series-3', 'series-4', 'series-5'];
 
-/** @param {Chart} chart @param {Trace} trace @returns {Style} */
-export function style(chart, trace) {
-  const place = chart.traces.filter((t) => t.role === trace.role).indexOf(trace);
+/** Signals that a chart is drawn from. @param {Chart} chart @returns {string[]} */
+export function signalsOf(chart) {
+  const names = chart.traces.flatMap((t) => [t.signal, t.sigma, t.across, t.code]);
+  return [...new Set([...names, chart.limit])].filter((name) => typeof name === 'string');
+}
+
+/** @param {string} hex `#rrggbb` @param {number} opacity */
+export function tint(hex, opacity) {
+  const value = Number.parseInt(hex.slice(1), 16);
+  return `rgba(${value >> 16},${(value >> 8) & 255},${value & 255},${opacity})`;
+}
+
+/** @param {Chart} chart @param {Trace} trace @param {number} [place] among its peers, where it is not the declared one @returns {Style} */
+export function style(chart, trace, place = chart.traces.filter((t) => t.role === trace.role).indexOf(trace)) {
   const shade = SERIES[place % SERIES.length];
   const dash = DASHES[Math.floor(place / SERIES.length) % DASHES.length];
   switch (trace.role) {

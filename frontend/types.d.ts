@@ -11,9 +11,13 @@ export interface Subsystem { name: string; label: string; isolable: boolean }
 export interface Test { name: string; label: string; subjects: string[]; dof: string; source: string; unit: string; alarm_when: "above" | "below" }
 export interface Signal { name: string; label: string; unit: string; group: string; factor: number }
 export type Role = "protected" | "local" | "unprotected" | "statistic" | "threshold" | "component" | "weight";
-export interface Trace { signal: string; label: string; role: Role; sigma: string | null }
+export interface Trace {
+  signal: string; label: string; role: Role; sigma: string | null; across: string | null; code: string | null; item: string | null;
+}
+export interface Region { label: string; meaning: string; health: Health; corners: ["zero" | "limit" | "end", "zero" | "limit" | "end"][] }
 export interface Chart {
-  id: string; title: string; unit: string; group: string; scale: "linear" | "log"; stacked: boolean; traces: Trace[]; shown: boolean;
+  id: string; title: string; unit: string; group: string; kind: "time" | "xy" | "sky" | "bars"; scale: "linear" | "log"; stacked: boolean;
+  levels: string[]; across: string; upward: string; limit: string | null; regions: Region[]; traces: Trace[]; shown: boolean;
 }
 export interface Block {
   id: string; label: string; kind: string; x: number; y: number; width: number; height: number;
@@ -45,7 +49,8 @@ export interface Experiment {
 }
 export interface Event { index: number; time: number; run: number; kind: string; subject: string; detail: Record<string, any> }
 export interface BlockView { health: Health; text: string }
-export interface View { time: number; blocks: Record<string, BlockView> }
+export interface ItemView { vector: [number, number, number] | null; health: Health; visible: boolean }
+export interface View { time: number; blocks: Record<string, BlockView>; items: Record<string, ItemView> }
 export interface HeadlineItem { label: string; value: number | null; unit: string; note?: string; compare_label: string | null; compare: number | null }
 export interface Score { headline: HeadlineItem[] }
 export interface Series { time: number[]; signals: Record<string, (number | null)[]> }
@@ -78,7 +83,7 @@ export interface State {
   theme: "dark" | "light";
   notice: Notice | null;
   welcome: boolean;
-  prefill: { sensor: string } | null;
+  prefill: { channel: string } | null;
   busy: string | null;
 }
 

@@ -87,6 +87,7 @@ class Region(Described):
     """A part of an ``xy`` chart: a polygon whose corners are told by zero, the chart's limit, and the axes' end."""
 
     label: str
+    meaning: str = Field(default="", description="what it is to be there, in a few words")
     health: Health = Field(description="how it is shaded")
     corners: tuple[tuple[Corner, Corner], ...] = Field(min_length=3, description="(x, y) of each")
 

@@ -3,7 +3,7 @@ import { Panel, fill, freshId, h, setText } from '../dom.js';
 import { Problem, commands } from '../api.js';
 import { numberIn, resolved } from '../schema.js';
 import { capital, clock, unitText, words } from '../format.js';
-import { faultText, subjectLabel } from '../marks.js';
+import { faultText, subjectLabel, unseen } from '../marks.js';
 import { store } from '../store.js';
 import { id, inject, say } from '../actions.js';
 import { curlButton } from './curl.js';
@@ -16,10 +16,15 @@ export class Bench extends Panel {
   #fields = new Map();
   /** Magnitudes the person typed are kept when only the channel changes within a unit. */
   #suggested = '';
+  /** The person has chosen the channel; it is not the list's first by chance. */
+  #picked = false;
 
   build() {
     this.search = h('input', { type: 'search', id: 'find-channel', placeholder: 'any channel', 'aria-label': 'Find a channel', oninput: () => this.#list() });
-    this.channel = h('select', { onchange: () => this.#kinds() });
+    this.channel = h('select', { onchange: () => {
+      this.#picked = true;
+      this.#kinds();
+    } });
     this.kind = h('select', { onchange: () => this.#shape() });
     this.magnitude = h('input', { type: 'text', inputmode: 'decimal', autocomplete: 'off' });
     this.start = h('input', { type: 'text', inputmode: 'decimal', placeholder: 'now', autocomplete: 'off' });
@@ -42,19 +47,28 @@ export class Bench extends Panel {
       h('div', { class: 'buttons' }, this.button, curlButton(() => commands.inject(id(), this.#fault()), 'this injection'))));
     this.watch((s) => s.description, () => {
       if (this.search) this.search.value = '';
+      this.#picked = false;
       this.#list();
+    });
+    this.watch((s) => [...unseen(s.description, s.view)].join(' '), () => {
+      if (document.activeElement !== this.channel) this.#list();
     });
     this.watch((s) => s.prefill, (prefill) => {
       if (!prefill || !this.search || !this.channel) return;
       this.search.value = '';
       this.#list();
-      const first = this.#channels().find((c) => c.name.startsWith(prefill.sensor));
-      if (first) this.channel.value = first.name;
+      this.channel.value = prefill.channel;
       this.#kinds();
     });
     this.watch((s) => [s.experiment?.id, s.experiment?.clock.state], () => {
       if (this.button) this.button.disabled = !store.get().experiment || store.get().experiment?.clock.state === 'failed';
     });
+  }
+
+  /** Chooses a channel, as the form's own list would. @param {string} channel */
+  choose(channel) {
+    this.#picked = true;
+    store.set({ prefill: { channel } });
   }
 
   focusForm() {
@@ -85,13 +99,13 @@ export class Bench extends Panel {
     const asked = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
     const found = this.#channels().filter((c) => asked.every((word) => `${c.label} ${c.name} ${c.unit}`.toLowerCase().includes(word)));
     const before = this.channel.value;
-    const groups = [...new Set(found.map((c) => c.group))];
-    fill(this.channel, ...groups.map((group) => {
-      const members = found.filter((c) => c.group === group);
-      return h('optgroup', { label: `${subjectLabel(group.split('.')[0], description)}: ${words(group.split('.').slice(1).join(' '))} (${members[0].unit})` },
-        ...members.map((c) => h('option', { value: c.name }, c.label)));
-    }), !found.length && h('option', { value: '', disabled: true }, 'no channel matches'));
-    this.channel.value = found.some((c) => c.name === before) ? before : (found[0]?.name ?? '');
+    const absent = unseen(description, store.get().view);
+    const [here, away] = [found.filter((c) => !absent.has(c.name)), found.filter((c) => absent.has(c.name))];
+    const family = (/** @type {Channel} */ c) => `${subjectLabel(c.group.split('.')[0], description)}: ${words(c.group.split('.').slice(1).join(' '))} (${c.unit})`;
+    fill(this.channel, ...grouped(here, family), ...grouped(away, (c) => `Not there now – ${family(c)}`),
+      !found.length && h('option', { value: '', disabled: true }, 'no channel matches'));
+    const kept = found.some((c) => c.name === before) && !(absent.has(before) && !this.#picked);
+    this.channel.value = kept ? before : ([...here, ...away][0]?.name ?? '');
     this.#kinds();
   }
 
@@ -184,6 +198,12 @@ export class Bench extends Panel {
       }
     }
   }
+}
+
+/** @param {Channel[]} channels @param {(channel: Channel) => string} label */
+function grouped(channels, label) {
+  return [...Map.groupBy(channels, label)].map(([name, members]) =>
+    h('optgroup', { label: name }, ...members.map((c) => h('option', { value: c.name }, c.label))));
 }
 
 /** A magnitude worth trying first. @param {Channel} channel @param {KindInfo} info */

@@ -1,19 +1,37 @@
 /** One chart: title, legend that reads out values and switches lines, the drawing, and the table behind it. */
 import { Panel, h, setText, svg } from '../dom.js';
-import { Drawing, haunted } from '../charts.js';
-import { readout, unitText } from '../format.js';
+import { Drawing, MANY, haunted } from '../charts.js';
+import { number, readout, unitText } from '../format.js';
 import { forget, repaint } from '../scheduler.js';
 import { recording } from '../session.js';
 import { store } from '../store.js';
-import { style } from '../traces.js';
 /** @import {Chart, SystemDescription, Trace} from '../types' */
 
-/** With more lines than this the legend has rows of its own. */
-const MANY = 6;
+/**
+ * Draws a panel only while it can be seen, and again when it changes size.
+ * @param {Panel & {visible: boolean, paint: () => void}} panel
+ * @param {HTMLElement} host
+ * @param {() => void} gone
+ */
+export function seen(panel, host, gone) {
+  const sight = new IntersectionObserver(([entry]) => {
+    panel.visible = entry.isIntersecting;
+    if (panel.visible) repaint([panel], true);
+  });
+  sight.observe(host);
+  const size = new ResizeObserver(() => repaint([panel], true));
+  size.observe(host);
+  panel.keep(() => {
+    sight.disconnect();
+    size.disconnect();
+    forget(panel);
+    gone();
+  });
+}
 
 export class ChartPanel extends Panel {
   visible = false;
-  /** @type {{node: HTMLElement, line: HTMLElement, trace: Trace}[]} */
+  /** @type {{node: HTMLElement, trace: Trace}[]} */
   #values = [];
   /** @type {HTMLElement | null} */
   #legend = null;
@@ -46,42 +64,32 @@ export class ChartPanel extends Panel {
     );
     this.#drawLegend();
     this.watch((s) => [s.theme, !!s.ghost], () => this.#drawLegend());
-    const sight = new IntersectionObserver(([entry]) => {
-      this.visible = entry.isIntersecting;
-      if (this.visible) repaint([this], true);
-    });
-    sight.observe(this.host);
-    const size = new ResizeObserver(() => repaint([this], true));
-    size.observe(this.host);
-    this.keep(() => {
-      sight.disconnect();
-      size.disconnect();
-      forget(this);
-      this.drawing.erase();
-    });
+    seen(this, this.host, () => this.drawing.erase());
   }
 
   paint() {
     this.drawing.draw(this.frame());
-    this.read();
+    if (this.drawing.present().length !== this.#values.length) this.#drawLegend();
+    else this.read();
   }
 
   /** Writes the values under the cursor into the legend. */
   read() {
     const { hover, cursor, now } = store.get();
     const time = hover ?? cursor ?? now;
-    for (const { node, line, trace } of this.#values) {
-      line.hidden = this.drawing.empty.has(trace.signal);
-      setText(node, readout(recording.at(trace.signal, time) / (this.drawing.factors.get(trace.signal) ?? 1)));
+    const { levels } = this.chart;
+    for (const { node, trace } of this.#values) {
+      const value = recording.at(trace.signal, time) / (this.drawing.factors.get(trace.signal) ?? 1);
+      setText(node, levels.length ? (levels[value] ?? '–') : this.chart.unit === '1' && Number.isInteger(value) ? number(value, 6) : readout(value));
     }
   }
 
   #drawLegend() {
     this.#values = [];
     const [first] = haunted(this.chart.traces);
-    const ghost = store.get().ghost && first ? [this.#ghostKey(style(this.chart, first).color)] : [];
-    this.#legend?.replaceChildren(...ghost, ...this.chart.traces.map((trace) => {
-      const look = style(this.chart, trace);
+    const ghost = store.get().ghost && first ? [this.#ghostKey(this.drawing.style(first).color)] : [];
+    this.#legend?.replaceChildren(...ghost, ...this.drawing.present().map((trace) => {
+      const look = this.drawing.style(trace);
       const value = h('span', { class: 'value' });
       const line = h('button', {
         class: 'line', 'aria-pressed': String(!this.drawing.hidden.has(trace.signal)), title: this.#explain(trace),
@@ -90,7 +98,7 @@ export class ChartPanel extends Panel {
         svg('svg', { width: 18, height: 8, 'aria-hidden': 'true' },
           svg('line', { x1: 0, x2: 18, y1: 4, y2: 4, stroke: look.color, 'stroke-width': look.width + 0.5, 'stroke-dasharray': look.dash === 'solid' ? null : look.dash.replaceAll('px', '') })),
         h('span', { class: 'name' }, trace.label, trace.sigma && trace.role !== 'local' && h('small', {}, ' ±3σ')), value);
-      this.#values.push({ node: value, line, trace });
+      this.#values.push({ node: value, trace });
       return line;
     }));
     this.read();

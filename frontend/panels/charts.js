@@ -9,14 +9,21 @@ import { store } from '../store.js';
 import { forgetColors } from '../traces.js';
 import { look, say, toggleGhost, zoomTo } from '../actions.js';
 import { ChartPanel } from './chart.js';
+import { MomentPanel } from './moment.js';
 import { chooser } from './chooser.js';
 import { drawGlyphs, drawMarks, drawn } from './overlay.js';
 
+/** Parts of the column that do not lie on the time axis. */
+const APART = 'header, .moment';
 const FOLLOWED = [5, 10, 30, 60, 300, 600];
 
 export class ChartsPanel extends Panel {
-  /** @type {ChartPanel[]} */
+  /** @type {(ChartPanel | MomentPanel)[]} */
   #charts = [];
+  /** Those over the common time axis. @type {ChartPanel[]} */
+  #lines = [];
+  /** Those of one moment. @type {MomentPanel[]} */
+  #moments = [];
   /** @type {import('../types').Span[]} */
   #bands = [];
   /** @type {number | null} */
@@ -46,7 +53,9 @@ export class ChartsPanel extends Panel {
     this.watch((s) => s.cursor, (cursor) => {
       this.#line(this.cursorLine, cursor);
       this.#read();
+      repaint(this.#moments, true);
     });
+    this.watch((s) => [s.pastView ?? s.view], () => repaint(this.#moments, store.get().cursor !== null));
     this.watch((s) => s.theme, () => {
       forgetColors();
       repaint(this.#charts, true);
@@ -84,9 +93,11 @@ export class ChartsPanel extends Panel {
     const charts = (description?.charts ?? []).filter((c) => shown.includes(c.id));
     keyed(this.stack ?? this, charts, (c) => `${description?.id}/${c.id}`, (chart) => {
       if (!description) throw new Error('no description');
-      return new ChartPanel(chart, description, () => this.#frame());
+      return new (chart.kind === 'time' ? ChartPanel : MomentPanel)(chart, description, () => this.#frame());
     });
-    this.#charts = /** @type {ChartPanel[]} */ ([...(this.stack?.children ?? [])]);
+    this.#charts = /** @type {(ChartPanel | MomentPanel)[]} */ ([...(this.stack?.children ?? [])]);
+    this.#lines = this.#charts.filter((c) => c instanceof ChartPanel);
+    this.#moments = this.#charts.filter((c) => c instanceof MomentPanel);
     this.classList.toggle('none', !charts.length && !!description);
     this.#drawRails();
   }
@@ -130,7 +141,7 @@ export class ChartsPanel extends Panel {
   #moveNow() {
     const { now } = store.get();
     this.marks?.style.setProperty('--now', String(now));
-    for (const chart of this.#charts) if (chart.visible) chart.rail.style.setProperty('--now', String(now));
+    for (const chart of this.#lines) if (chart.visible) chart.rail.style.setProperty('--now', String(now));
     this.#line(this.nowLine, store.get().now);
   }
 
@@ -147,7 +158,7 @@ export class ChartsPanel extends Panel {
 
   /** When something was alarmed or isolated: a rail along the top of every chart. */
   #drawRails() {
-    for (const chart of this.#charts) drawMarks(chart.rail, this.#bands, []);
+    for (const chart of this.#lines) drawMarks(chart.rail, this.#bands, []);
   }
 
   #drawHover() {
@@ -163,7 +174,7 @@ export class ChartsPanel extends Panel {
   }
 
   #read() {
-    for (const chart of this.#charts) if (chart.visible) chart.read();
+    for (const chart of this.#lines) if (chart.visible) chart.read();
   }
 
   /** @param {HTMLElement | undefined} line @param {number | null} time */
@@ -188,7 +199,7 @@ export class ChartsPanel extends Panel {
     });
     column.addEventListener('pointerleave', () => store.set({ hover: null }));
     column.addEventListener('pointerdown', (event) => {
-      if (event.button !== 0 || !(event.target instanceof Element) || event.target.closest('header')) return;
+      if (event.button !== 0 || !(event.target instanceof Element) || event.target.closest(APART)) return;
       this.#dragFrom = this.#timeAt(event);
       column.setPointerCapture(event.pointerId);
     });
@@ -202,7 +213,7 @@ export class ChartsPanel extends Panel {
       else look(to);
     });
     column.addEventListener('dblclick', (event) => {
-      if (event.target instanceof Element && event.target.closest('header')) return;
+      if (event.target instanceof Element && event.target.closest(APART)) return;
       zoomTo(null);
       look(null);
     });
@@ -220,7 +231,7 @@ export class ChartsPanel extends Panel {
 
   /** @param {MouseEvent} event */
   #timeAt(event) {
-    if (!this.layer || (event.target instanceof Element && event.target.closest('header') && this.#dragFrom === null)) return null;
+    if (!this.layer || (event.target instanceof Element && event.target.closest(APART) && this.#dragFrom === null)) return null;
     const box = this.layer.getBoundingClientRect();
     const share = (event.clientX - box.left) / box.width;
     const [from, to] = this.range();

@@ -2,12 +2,23 @@
 import { Panel, fill, h } from '../dom.js';
 import { HEALTH, healthSign } from '../health.js';
 import { commands } from '../api.js';
-import { faultText } from '../marks.js';
+import { faultText, unseen } from '../marks.js';
 import { store } from '../store.js';
-import { clear, id, switchSubsystem } from '../actions.js';
+import { chooseChannel, clear, id, switchSubsystem } from '../actions.js';
 import { curlButton } from './curl.js';
 import { settingField } from './settings.js';
-/** @import {Block, Health} from '../types' */
+/** @import {Block, Channel, Health} from '../types' */
+
+/** With more channels than this a list of them is no help; the form's own has a search. */
+const MOST_CHIPS = 14;
+
+/** A channel's name without what all of them begin with. @param {Channel} channel @param {Channel[]} all */
+function short(channel, all) {
+  const split = all.map((c) => c.label.split(' '));
+  let common = 0;
+  while (split.every((w) => w.length > common + 1 && w[common] === split[0][common])) common += 1;
+  return channel.label.split(' ').slice(common).join(' ');
+}
 
 export class BlockPopover extends Panel {
   /** @type {Block | null} */
@@ -63,17 +74,27 @@ export class BlockPopover extends Panel {
 
   /** @param {Block} block */
   #faults(block) {
-    const { experiment, description } = store.get();
+    const { experiment, description, view, pastView } = store.get();
     const { sensor } = block;
-    if (!sensor) return null;
+    if (!sensor || !description) return null;
     const live = (experiment?.faults ?? []).filter((f) => f.channel.startsWith(sensor) && f.state !== 'ended');
+    const absent = unseen(description, view);
+    const channels = description.channels.filter((c) => c.name.startsWith(sensor));
+    const present = channels.filter((c) => !absent.has(c.name));
+    const choose = (/** @type {string} */ channel) => {
+      this.#anchor = null;
+      this.hidePopover();
+      chooseChannel(channel);
+    };
+    /** @param {Channel} channel */
+    const health = (channel) => {
+      const item = description.scene.find((one) => one.channel === channel.name);
+      return (item && (pastView ?? view)?.items?.[item.id]?.health) ?? 'ok';
+    };
     return [
-      h('button', { class: 'primary', onclick: () => {
-        store.set({ prefill: { sensor } });
-        this.#anchor = null;
-        this.hidePopover();
-        /** @type {(HTMLElement & {focusForm(): void}) | null} */ (document.querySelector('ft-bench'))?.focusForm();
-      } }, 'Inject a fault here …'),
+      h('button', { class: 'primary', onclick: () => choose((present[0] ?? channels[0]).name) }, 'Inject a fault here …'),
+      present.length > 1 && present.length <= MOST_CHIPS && h('div', { class: 'chips', role: 'group', 'aria-label': 'Channels' }, ...present.map((c) =>
+        h('button', { class: 'mini', title: `${c.label}: ${HEALTH[health(c)].word}. Choose it in the fault form`, onclick: () => choose(c.name) }, healthSign(health(c)), ' ', short(c, present)))),
       ...live.map((f) => h('div', { class: 'one' }, h('span', {}, faultText(f, description)), h('button', { 'aria-label': `Clear ${faultText(f, description)}`, onclick: () => clear(f.id) }, 'Clear'))),
     ];
   }

@@ -330,15 +330,15 @@ def test_every_declared_name_exists():
     signals = {s.name for s in DESCRIPTION.signals}
     assert len(signals) == len(DESCRIPTION.signals)
     for chart in DESCRIPTION.charts:
-        for trace in chart.traces:
-            assert trace.signal in signals
-            assert trace.sigma is None or trace.sigma in signals
+        assert set(chart.signals()) <= signals
     blocks = {b.id for b in DESCRIPTION.blocks}
     assert all({w.source, w.target} <= blocks for w in DESCRIPTION.wires)
     known = DESCRIPTION.settings_schema["properties"]
     assert all(name in known for block in DESCRIPTION.blocks for name in block.settings)
     channels = {c.name for c in DESCRIPTION.channels}
     assert all(item.channel in channels for item in DESCRIPTION.scene)
+    pictured = {trace.item for chart in DESCRIPTION.charts for trace in chart.traces if trace.item}
+    assert pictured == {item.id for item in DESCRIPTION.scene}
     for until in (0.0, 3.0, 70.0):
         view = Simulation(CHEY).advance(until=until).view()
         assert set(view.blocks) == blocks

@@ -323,9 +323,7 @@ def test_given_decimation_then_every_signal_keeps_its_extremes():
 def test_every_declared_name_exists():
     signals = {s.name for s in DESCRIPTION.signals}
     for chart in DESCRIPTION.charts:
-        for trace in chart.traces:
-            assert trace.signal in signals
-            assert trace.sigma is None or trace.sigma in signals
+        assert set(chart.signals()) <= signals
     blocks = {b.id for b in DESCRIPTION.blocks}
     assert all({w.source, w.target} <= blocks for w in DESCRIPTION.wires)
     view = Simulation(VISIBLE).advance(until=3.0).view()

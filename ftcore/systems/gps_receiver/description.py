@@ -3,36 +3,14 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Final, Literal
+from typing import Final
 
-from ftcore.description import (
-    Block,
-    Channel,
-    Chart,
-    SceneItem,
-    Signal,
-    Subsystem,
-    SystemDescription,
-    Test,
-    Trace,
-    Wire,
-)
+from ftcore.description import Block, Channel, SceneItem, Signal, Subsystem, SystemDescription, Test, Wire
 from ftcore.faults import ALL_KINDS
+from ftcore.systems.gps_receiver.charts import charts
 from ftcore.systems.gps_receiver.forms import Parameters, Settings
-from ftcore.systems.gps_receiver.names import EPOCH, ESTIMATORS, PRNS, SATELLITES, SLOTS, SUBJECTS, TESTS
+from ftcore.systems.gps_receiver.names import EPOCH, ESTIMATORS, PRNS, SATELLITES, SUBJECTS, TEST_LABELS, TESTS
 
-_ROLES: Final[dict[str, Literal["protected", "local", "unprotected"]]] = {
-    "snapshot": "local",
-    "filter": "local",
-    "combined": "protected",
-    "unprotected": "unprotected",
-}
-_TEST_LABELS: Final = {
-    "snapshot": "snapshot test",
-    "innovation": "innovation test",
-    "parity": "parity-space test",
-    "agreement": "agreement of combined filter and snapshot",
-}
 _CODES: Final = "0 consistent, 1 satellites excluded, 2 cannot isolate, 3 cannot detect, 4 no fix"
 _CLASSES: Final = "0 nominal, 1 misleading, 2 hazardously misleading, 3 unavailable"
 
@@ -110,7 +88,7 @@ def _signals() -> list[Signal]:
         add(f"{estimator}.stanford", f"{label}: {_CLASSES}", "1", "integrity")
     for test, subject in TESTS:
         for part in ("statistic", "threshold", "dof", "alarm"):
-            label = f"{_TEST_LABELS[test]}, {_subject_label(subject)}: {part}"
+            label = f"{TEST_LABELS[test]}, {_subject_label(subject)}: {part}"
             add(f"test.{test}.{subject}.{part}", label, "1", "test")
     add("protection.horizontal", "horizontal protection level of the combined solution's satellites", "m", "integrity")
     add("protection.slope", "the same by slope", "m", "integrity")
@@ -120,6 +98,7 @@ def _signals() -> list[Signal]:
     add("gps.dof", "degrees of freedom of the snapshot", "1", "geometry")
     add("gps.satellites", "satellites in view", "1", "geometry")
     add("gps.time", "receiver time, seconds of the GPS week", "s", "geometry")
+    add("residual.threshold", "threshold of one satellite's residual, in sigmas", "1", "residual")
     for stem, words, unit, group in (
         ("used.gps.{}", "{} used by the combined solution", "1", "decision"),
         ("residual.snapshot.{}", "{}: snapshot residual against all others, in sigmas", "1", "residual"),
@@ -131,96 +110,6 @@ def _signals() -> list[Signal]:
         for name in SATELLITES:
             add(stem.format(name), words.format(name), unit, group)
     return found
-
-
-def _error_chart(part: str, title: str, shown: bool = False) -> Chart:
-    traces = [
-        Trace(
-            signal=f"{estimator}.error.position.{part}",
-            label=label,
-            role=_ROLES[estimator],
-            sigma=f"combined.sigma.position.{part}" if estimator == "combined" and part != "horizontal" else None,
-        )
-        for estimator, label in ESTIMATORS.items()
-    ]
-    if part == "horizontal":
-        traces.append(Trace(signal="protection.horizontal", label="protection level", role="threshold"))
-        traces.append(Trace(signal="protection.alert", label="alert limit", role="threshold"))
-    return Chart(id=f"position-{part}", title=title, unit="m", group="errors", traces=tuple(traces), shown=shown)
-
-
-def _test_chart(test: str, shown: bool = False) -> Chart:
-    stem = f"test.{test}.gps"
-    label = _TEST_LABELS[test]
-    return Chart(
-        id=test,
-        title=f"{label[0].upper()}{label[1:]}",
-        unit="1",
-        group="tests",
-        scale="log",
-        traces=(
-            Trace(signal=f"{stem}.statistic", label="statistic", role="statistic"),
-            Trace(signal=f"{stem}.threshold", label="threshold", role="threshold"),
-        ),
-        shown=shown,
-    )
-
-
-def _satellite_charts(id: str, title: str, unit: str, group: str, stem: str, shown: bool = False) -> list[Chart]:
-    """One chart for the simulated satellites and one for those of a log."""
-    return [
-        Chart(
-            id=id + suffix,
-            title=title + words,
-            unit=unit,
-            group=group,
-            traces=tuple(Trace(signal=stem.format(name), label=name) for name in names),
-            shown=shown and not suffix,
-        )
-        for names, suffix, words in ((SLOTS, "", ""), (PRNS, "-log", ", log"))
-    ]
-
-
-def _charts() -> list[Chart]:
-    levels = (
-        Trace(signal="combined.error.position.horizontal", label="error, combined", role="protected"),
-        Trace(signal="protection.slope", label="slope", role="component"),
-        Trace(signal="protection.separation", label="solution separation", role="component"),
-        Trace(signal="protection.alert", label="alert limit", role="threshold"),
-    )
-
-    def each(id: str, title: str, part: str, group: str) -> Chart:
-        traces = tuple(Trace(signal=f"{e}.{part}", label=label, role=_ROLES[e]) for e, label in ESTIMATORS.items())
-        return Chart(id=id, title=title, unit="1", group=group, traces=traces)
-
-    geometry = (
-        Trace(signal="gps.satellites", label="in view"),
-        Trace(signal="combined.satellites", label="used"),
-        Trace(signal="gps.dof", label="degrees of freedom"),
-        Trace(signal="gps.hdop", label="HDOP"),
-    )
-    return [
-        _error_chart("horizontal", "Horizontal error and protection level", shown=True),
-        _test_chart("snapshot", shown=True),
-        _test_chart("innovation", shown=True),
-        *_satellite_charts(
-            "residuals", "Residual of each satellite, in sigmas", "1", "residuals", "residual.snapshot.{}", shown=True
-        ),
-        *_satellite_charts(
-            "innovations", "Innovation of each satellite, in sigmas", "1", "residuals", "residual.innovation.{}"
-        ),
-        Chart(id="protection", title="Protection levels", unit="m", group="integrity", traces=levels),
-        each("stanford", "Stanford class (nominal 0, MI 1, HMI 2, unavailable 3)", "stanford", "integrity"),
-        each("status", "Status (ok 0, excluded 1, cannot isolate 2, cannot detect 3)", "status", "integrity"),
-        *_satellite_charts("detectable", "Minimal detectable bias", "m", "integrity", "detectable.{}"),
-        _error_chart("east", "East position error"),
-        _error_chart("north", "North position error"),
-        _error_chart("up", "Height error"),
-        _test_chart("parity"),
-        _test_chart("agreement"),
-        Chart(id="geometry", title="Satellites and geometry", unit="1", group="geometry", traces=geometry),
-        *_satellite_charts("elevation", "Elevation", "deg", "geometry", "elevation.{}"),
-    ]
 
 
 def _blocks() -> list[Block]:
@@ -295,7 +184,7 @@ def description() -> SystemDescription:
         estimators=ESTIMATORS,
         tests=tuple(_tests()),
         signals=tuple(_signals()),
-        charts=tuple(_charts()),
+        charts=tuple(charts()),
         blocks=tuple(_blocks()),
         wires=tuple(_wires()),
         scene=tuple(_scene()),

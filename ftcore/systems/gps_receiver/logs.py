@@ -5,17 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 from ftcore.sensors import rinex
+from ftcore.sensors.rinex_text import OBSERVATION, refusal
 from ftcore.systems.gps_receiver.forms import LONGEST_LOG, Log
 
 
 def log_scenario(
-    observation: str, navigation: str, antenna: tuple[float, float, float] | None = None
+    observation: str,
+    navigation: str,
+    antenna: tuple[float, float, float] | None = None,
+    max_epochs: int = rinex.MAX_EPOCHS,
 ) -> dict[str, Any]:
     """Scenario document that plays a log from its first epoch to its last.
 
     Args:
         observation, navigation: the files, as the scenario will name them.
         antenna: true position, Earth-fixed [m]; the file's approximate position if absent.
+        max_epochs: of the longest log that is taken.
 
     Raises:
         LogError: one sentence about the file that cannot be used.
@@ -23,6 +28,8 @@ def log_scenario(
     from ftcore.systems.gps_receiver.plant import reference
 
     log = rinex.read(observation, navigation)
+    if len(log) > max_epochs:
+        raise refusal(OBSERVATION, f"has {len(log)} epochs; at most {max_epochs} are taken")
     form = Log(observation=observation, navigation=navigation, antenna=antenna)
     reference(log, form)
     return {

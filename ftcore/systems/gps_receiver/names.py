@@ -28,3 +28,9 @@ TESTS: Final = (
     ("agreement", "gps"),
 )
 """(test, subject) of every test column."""
+TEST_LABELS: Final = {
+    "snapshot": "snapshot test",
+    "innovation": "innovation test",
+    "parity": "parity-space test",
+    "agreement": "agreement of combined filter and snapshot",
+}

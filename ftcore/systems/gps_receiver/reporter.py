@@ -18,6 +18,8 @@ from ftcore.systems.gps_receiver.names import ESTIMATORS, SATELLITES, SUBJECTS, 
 Array = NDArray[np.float64]
 
 COMBINED = list(ESTIMATORS).index("combined")
+SINGLE = [i for i, (test, subject) in enumerate(TESTS) if test == "snapshot" and subject != "gps"]
+"""Columns of the snapshot test of each satellite; those in view share one threshold, the square of a residual's."""
 LINE = 2.2
 """Length of a line of sight in the scene."""
 _STATUS = ("consistent", "satellites excluded", "cannot isolate", "cannot detect", "no fix")
@@ -100,6 +102,7 @@ class Reporter:
                 detail.dof.astype(np.float64),
                 np.isfinite(detail.unit_n[..., 0]).sum(axis=-1).astype(np.float64),
                 np.full(runs, detail.time),
+                np.sqrt(np.fmax.reduce(output.threshold[:, SINGLE], axis=-1)),
             ],
             axis=-1,
         )

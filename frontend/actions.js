@@ -3,7 +3,7 @@ import { Problem, commands, curl, moveScene, read, send } from './api.js';
 import * as ghost from './ghost.js';
 import * as session from './session.js';
 import { link } from './share.js';
-import { store } from './store.js';
+import { period, store } from './store.js';
 /** @import {Notice} from './types' */
 
 /** @param {Notice | null} notice */
@@ -85,8 +85,8 @@ export const rewind = (time) =>
   });
 
 export const back = () => {
-  const { experiment, description, now } = store.get();
-  if (experiment && description && now > 0) return rewind(Math.max(0, now - description.epoch));
+  const { experiment, now } = store.get();
+  if (experiment && now > 0) return rewind(Math.max(0, now - period()));
   return Promise.resolve();
 };
 
@@ -133,9 +133,8 @@ let looking = false;
 
 /** Looks at a past moment; null comes back to now. @param {number | null} time */
 export function look(time) {
-  const { now, description } = store.get();
-  const period = description?.epoch ?? 0;
-  const cursor = time === null || time >= now - period / 2 ? null : Math.max(0, time);
+  const { now } = store.get();
+  const cursor = time === null || time >= now - period() / 2 ? null : Math.max(0, time);
   store.set(({ pastView }) => ({ cursor, pastView: cursor === null ? null : pastView }));
   asked = cursor;
   if (!looking) void lookOn();
@@ -161,7 +160,7 @@ export function zoomTo(zoom) {
   if (!zoom || !experiment) return store.set({ zoom: null });
   const from = Math.max(0, zoom[0]);
   const to = Math.min(experiment.clock.duration, zoom[1]);
-  const least = 4 * (store.get().description?.epoch ?? 0.01);
+  const least = 4 * period();
   return store.set({ zoom: to - from < least ? null : [from, to] });
 }
 
@@ -191,6 +190,13 @@ export const fly = (scenario) =>
     await session.create(scenario);
     store.set({ welcome: true });
   });
+
+/** Throws Problem: the form shows it at the field. @param {object} scenario a whole document @param {string} title */
+export async function start(scenario, title) {
+  if (store.get().ghost) ghost.dismiss();
+  await session.create(scenario, { title });
+  store.set({ welcome: false });
+}
 
 /** @param {string} experiment */
 export const open = (experiment) =>

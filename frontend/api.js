@@ -121,6 +121,8 @@ export const commands = {
   advance: (id, how) => ['POST', `${experiment(id)}/advance`, how],
   /** @param {string} id @returns {[string, string]} */
   ghost: (id) => ['POST', `${experiment(id)}/ghost`],
+  /** @param {string} system @param {object} choices @returns {[string, string, object]} */
+  indicators: (system, choices) => ['POST', `/systems/${encodeURIComponent(system)}/indicators`, choices],
   /** @param {string} id @returns {[string, string]} */
   remove: (id) => ['DELETE', experiment(id)],
   /** @param {string | object} scenario @param {string} [title] @returns {[string, string, object]} */

@@ -17,6 +17,7 @@ import './panels/keys.js';
 import './panels/table.js';
 import './panels/rest.js';
 import './panels/experiments.js';
+import './panels/parameters.js';
 import { attempt, look, say } from './actions.js';
 import { Problem, read } from './api.js';
 import * as session from './session.js';

@@ -34,7 +34,8 @@ export function unitText(unit) {
 export function quantity(value, unit, digits = 3) {
   const text = number(value, digits);
   const symbol = text === '–' ? '' : unitText(unit);
-  return symbol ? `${text} ${symbol}` : text;
+  if (!symbol) return text;
+  return symbol === '°' ? `${text}°` : `${text} ${symbol}`;
 }
 
 /**

@@ -168,6 +168,7 @@ export function reason(event, description) {
 
 /** @param {Record<string, any>} alarm @param {SystemDescription | null} description @param {boolean} named */
 function comparison(alarm, description, named) {
+  if (alarm.statistic === null || alarm.threshold === null) return named ? `${testLabel(String(alarm.test), description)} without a reading` : 'no reading';
   const sign = alarm.statistic > alarm.threshold ? '>' : '<';
   const test = description?.tests.find((t) => t.name === alarm.test);
   // What is told in a unit is no chi-square statistic, and has no degrees of freedom.

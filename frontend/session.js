@@ -250,11 +250,11 @@ export function show(shown) {
 /**
  * Puts a scenario on the server and opens it, paused at the start.
  * @param {string | object} scenario
- * @param {{until?: number, cursor?: number | null}} [to]
+ * @param {{until?: number, title?: string}} [to]
  */
 export async function create(scenario, to = {}) {
   /** @type {Experiment} */
-  const experiment = await send(commands.create(scenario));
+  const experiment = await send(commands.create(scenario, to.title));
   const [paced] = await Promise.all([
     send(commands.clock(experiment.id, { speed: fitting(experiment.clock.duration) })),
     system(experiment.system),

@@ -103,3 +103,8 @@ const initial = {
 };
 
 export const store = createStore(initial);
+
+/** Seconds between the epochs of what flies: the experiment's own where it has one. @param {State} [state] */
+export function period({ experiment, description } = store.get()) {
+  return experiment?.clock.period ?? description?.epoch ?? 1;
+}

@@ -29,6 +29,12 @@ export interface Schema {
   type?: string; title?: string; description?: string; default?: unknown; enum?: unknown[]; const?: unknown; unit?: string;
   minimum?: number; maximum?: number; exclusiveMinimum?: number; exclusiveMaximum?: number; multipleOf?: number;
   properties?: Record<string, Schema>; anyOf?: Schema[]; allOf?: Schema[]; $ref?: string; $defs?: Record<string, Schema>; items?: Schema;
+  prefixItems?: Schema[]; source?: string;
+}
+export interface IndicatorMap { label: string; unit: string; low: number; high: number; bands: { start: number; end: number; label: string }[] }
+export interface Indicator {
+  id: string; label: string; value: number | null; unit: string; ideal: number | null; better: "higher" | "lower" | null; field: string | null;
+  note: string; map: IndicatorMap | null;
 }
 export interface SystemDescription {
   id: string; title: string; summary: string; source: string; epoch: number;
@@ -36,7 +42,7 @@ export interface SystemDescription {
   blocks: Block[]; wires: Wire[]; scene: SceneItem[]; settings_schema: Schema; parameters_schema: Schema; fault_schema: Schema;
 }
 export interface Scenario { id: string; title: string; summary: string; hint: string; system: string; duration: number; source?: string }
-export interface Clock { state: "paused" | "running" | "finished" | "failed"; time: number; epoch: number; speed: number | "max"; duration: number; reason?: string | null }
+export interface Clock { state: "paused" | "running" | "finished" | "failed"; time: number; epoch: number; period: number; speed: number | "max"; duration: number; reason?: string | null }
 export interface Fault {
   id: string; channel: string; kind: string; magnitude: number; unit: string | null; start: number; end: number | null;
   state: "armed" | "active" | "ended";

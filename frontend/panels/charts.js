@@ -5,7 +5,7 @@ import { clock, decimalsOf, timeTicks } from '../format.js';
 import { derive } from '../marks.js';
 import { repaint } from '../scheduler.js';
 import { recorded } from '../session.js';
-import { store } from '../store.js';
+import { period, store } from '../store.js';
 import { forgetColors } from '../traces.js';
 import { look, say, toggleGhost, zoomTo } from '../actions.js';
 import { ChartPanel } from './chart.js';
@@ -162,13 +162,13 @@ export class ChartsPanel extends Panel {
   }
 
   #drawHover() {
-    const { hover, description } = store.get();
+    const { hover } = store.get();
     this.#line(this.hoverLine, hover);
     if (!this.hoverTime) return;
     this.hoverTime.hidden = hover === null;
     if (hover !== null) {
       this.hoverTime.style.setProperty('--t', String(hover));
-      setText(this.hoverTime, clock(hover, Math.max(1, decimalsOf(description?.epoch ?? 1))));
+      setText(this.hoverTime, clock(hover, Math.max(1, decimalsOf(period()))));
     }
     this.#read();
   }

@@ -1,9 +1,9 @@
 /** Faults that are live or armed, each with what became of it, and the way to clear it. */
 import { Panel, h, keyed, setText } from '../dom.js';
 import { commands } from '../api.js';
-import { clock } from '../format.js';
+import { clock, decimalsOf } from '../format.js';
 import { faultText } from '../marks.js';
-import { store } from '../store.js';
+import { period, store } from '../store.js';
 import { clear, clearAll, id } from '../actions.js';
 import { curlButton } from './curl.js';
 /** @import {Event, Fault} from '../types' */
@@ -38,8 +38,11 @@ function tell(element, fault) {
   const [name, about] = element.children;
   setText(name, title);
   element.querySelector('.clear')?.setAttribute('aria-label', `Clear ${title}`);
-  setText(about, fault.state === 'armed' ? `armed for ${clock(fault.start, 1)}` : `since ${clock(fault.start, 1)}${found(fault, events)}`);
+  setText(about, fault.state === 'armed' ? `armed for ${at(fault.start)}` : `since ${at(fault.start)}${found(fault, events)}`);
 }
+
+/** A moment, to the epoch. @param {number} time */
+const at = (time) => clock(time, Math.max(1, decimalsOf(period())));
 
 /** Who noticed, and when. @param {Fault} fault @param {Event[]} events */
 function found(fault, events) {
@@ -48,12 +51,12 @@ function found(fault, events) {
   const concerns = (subject) => subject === sensor || subject.startsWith(`${sensor}.`) || sensor.startsWith(`${subject}.`);
   const after = events.filter((e) => e.time >= fault.start - 1e-9 && e.run <= 0 && concerns(e.subject));
   const isolated = after.find((e) => e.kind === 'subsystem.isolated');
-  if (isolated) return `, isolated ${clock(isolated.time, 1)}`;
+  if (isolated) return `, isolated ${at(isolated.time)}`;
   const before = store.get().experiment?.subsystems;
   const already = Object.entries(before ?? {}).some(([name, s]) => concerns(name) && s.health === 'isolated');
   if (already) return ', isolated already';
   const alarm = after.find((e) => e.kind === 'test.alarmed');
-  return alarm ? `, alarm ${clock(alarm.time, 1)}, not isolated` : ', not noticed yet';
+  return alarm ? `, alarm ${at(alarm.time)}, not isolated` : ', not noticed yet';
 }
 
 customElements.define('ft-faults', Faults);

@@ -1,7 +1,7 @@
 /** The keyboard: everything that matters has a key, and `?` lists them. */
 import { Panel, h } from '../dom.js';
 import { SPEEDS } from '../session.js';
-import { store } from '../store.js';
+import { period, store } from '../store.js';
 import { back, branch, clearAll, look, openDialog, rewind, setSpeed, setTheme, shareLink, step, toggleChart, toggleGhost, toggleUnlessOver, zoomTo } from '../actions.js';
 
 /** @type {{keys: string[], what: string, act: (event: KeyboardEvent) => unknown}[]} */
@@ -21,6 +21,7 @@ const KEYS = [
   { keys: ['1', '2', '3', '4', '5', '6', '7', '8', '9'], what: 'show or hide a chart, in the order of the chooser', act: (e) => chart(Number(e.key)) },
   { keys: ['0'], what: 'zoom out to the whole flight', act: () => zoomTo(null) },
   { keys: ['l'], what: 'filter the log', act: () => /** @type {HTMLElement | null} */ (document.querySelector('ft-log input'))?.focus() },
+  { keys: ['p'], what: 'parameters, for a new experiment', act: () => openDialog('ft-parameters') },
   { keys: ['s'], what: 'copy a link that restores this run', act: shareLink },
   { keys: ['t'], what: 'dark or light', act: () => setTheme(store.get().theme === 'dark' ? 'light' : 'dark') },
   { keys: ['?'], what: 'these keys', act: () => openDialog('ft-keys') },
@@ -66,10 +67,9 @@ function press(event) {
 
 /** @param {number} epochs */
 function move(epochs) {
-  const { cursor: at, now, description } = store.get();
-  const period = description?.epoch ?? 1;
+  const { cursor: at, now } = store.get();
   if (at === null && epochs > 0) return step();
-  return look((at ?? now) + epochs * period);
+  return look((at ?? now) + epochs * period());
 }
 
 /** @param {(time: number) => unknown} act */

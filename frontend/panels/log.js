@@ -2,7 +2,7 @@
 import { Panel, h, keyed, setText } from '../dom.js';
 import { clock, decimalsOf } from '../format.js';
 import { isCommand, reason, sentence } from '../marks.js';
-import { store } from '../store.js';
+import { period, store } from '../store.js';
 import { look } from '../actions.js';
 /** @import {Event} from '../types' */
 
@@ -53,7 +53,7 @@ export class Log extends Panel {
       if (found.length < MOST) found.push(event);
       else more += 1;
     }
-    const decimals = Math.max(1, decimalsOf(description?.epoch ?? 1));
+    const decimals = Math.max(1, decimalsOf(period()));
     keyed(this.list ?? this, found, (e) => `${e.index}/${e.time}/${e.kind}`, (event) => {
       const group = groupOf(event.kind);
       return h('li', {}, h('button', { class: `event ${group} ${isCommand(event.kind) ? 'command' : ''}`, onclick: () => look(event.time) },

@@ -4,7 +4,7 @@ import { Problem, commands } from '../api.js';
 import { bounds, control, fieldLabel, resolved, show, valueOf } from '../schema.js';
 import { unitText } from '../format.js';
 import { store } from '../store.js';
-import { configure, id } from '../actions.js';
+import { configure, id, openDialog } from '../actions.js';
 import { curlButton } from './curl.js';
 /** @import {Schema} from '../types' */
 
@@ -60,11 +60,14 @@ export function settingField(name) {
 export class Settings extends Panel {
   build() {
     const list = h('div', { class: 'fields' });
-    this.append(h('h2', {}, 'Detection'), list);
+    const heading = h('h2', {}, 'Detection');
+    const parameters = h('div', { class: 'buttons' }, h('button', { class: 'wide', title: 'What is fixed when an experiment starts: geometry, noise, flight (p)', onclick: () => openDialog('ft-parameters') }, 'Parameters …'));
+    this.append(heading, list, parameters);
     this.watch((s) => s.description, (description) => {
       const names = Object.keys(description?.settings_schema.properties ?? {});
       keyed(list, names, (name) => `${description?.id}/${name}`, settingField);
-      this.hidden = !names.length;
+      heading.hidden = !names.length;
+      parameters.hidden = !Object.keys(description?.parameters_schema.properties ?? {}).length;
     });
   }
 }

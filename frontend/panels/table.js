@@ -4,7 +4,7 @@ import { file, seriesPath } from '../api.js';
 import { clock, decimalsOf, unitText } from '../format.js';
 import { searchAfter } from '../recording.js';
 import { recording } from '../session.js';
-import { store } from '../store.js';
+import { period, store } from '../store.js';
 import { attempt, id, look } from '../actions.js';
 import { download } from './export.js';
 /** @import {Chart} from '../types' */
@@ -36,7 +36,7 @@ export class TablePanel extends Panel {
       const values = (recording.column(name) ?? new Float64Array(to)).map((v) => v / (factors.get(name) ?? 1));
       return { values, places: placesOf(values.subarray(from, to)) };
     });
-    const decimals = decimalsOf(description?.epoch ?? 1);
+    const decimals = decimalsOf(period());
     const unit = unitText(chart.unit);
     /** @type {HTMLTableRowElement[]} */
     const rows = [];

@@ -2,7 +2,7 @@
 import { Panel, h, keyed, setText } from '../dom.js';
 import { clock, decimalsOf, timeTicks } from '../format.js';
 import { derive, joined } from '../marks.js';
-import { store } from '../store.js';
+import { period, store } from '../store.js';
 import { branch, look, rewind } from '../actions.js';
 /** @import {Span} from '../types' */
 
@@ -53,7 +53,7 @@ export class Timeline extends Panel {
   }
 
   #decimals() {
-    return Math.max(1, decimalsOf(store.get().description?.epoch ?? 1));
+    return Math.max(1, decimalsOf(period()));
   }
 
   /** @param {number} duration */
@@ -125,11 +125,10 @@ export class Timeline extends Panel {
     track.addEventListener('pointermove', (event) => dragging && go(event));
     track.addEventListener('pointerup', () => { dragging = false; });
     this.head.addEventListener('keydown', (event) => {
-      const { now, cursor, description, experiment } = store.get();
+      const { now, cursor, experiment } = store.get();
       const at = cursor ?? now;
-      const period = description?.epoch ?? 1;
       const far = (experiment?.clock.duration ?? 0) / 20;
-      const to = { ArrowLeft: at - period, ArrowRight: at + period, PageDown: at - far, PageUp: at + far, Home: 0, End: Infinity }[event.key];
+      const to = { ArrowLeft: at - period(), ArrowRight: at + period(), PageDown: at - far, PageUp: at + far, Home: 0, End: Infinity }[event.key];
       if (to === undefined) return;
       event.preventDefault();
       event.stopPropagation();

@@ -2,7 +2,7 @@
 import { Panel, fill, h, setText } from '../dom.js';
 import { clock, decimalsOf, words } from '../format.js';
 import { SPEEDS } from '../session.js';
-import { store } from '../store.js';
+import { period, store } from '../store.js';
 import { back, branch, fly, open, openDialog, setSpeed, setTheme, shareLink, step, toggle } from '../actions.js';
 import { exportMenu } from './export.js';
 /** @import {Experiment} from '../types' */
@@ -70,9 +70,9 @@ export class TopBar extends Panel {
       if (![...speed.options].some((o) => o.value === String(value))) speed.prepend(h('option', { value }, `${value}x`));
       speed.value = String(value);
     });
-    this.watch((s) => [s.now, s.description, s.experiment?.clock.duration], () => {
-      const { now, description, experiment } = store.get();
-      setText(time, clock(now, Math.max(1, decimalsOf(description?.epoch ?? 1))));
+    this.watch((s) => [s.now, period(s), s.experiment?.clock.duration], () => {
+      const { now, experiment } = store.get();
+      setText(time, clock(now, Math.max(1, decimalsOf(period()))));
       setText(of, experiment ? `of ${clock(experiment.clock.duration)}` : '');
     });
     return h('div', { class: 'clock', role: 'group', 'aria-label': 'Clock' },

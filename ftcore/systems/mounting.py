@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import Band, Indicator, IndicatorMap
-from ftcore.detection import geometry, parity
+from ftcore.detection import ambiguity, geometry, parity
 from ftcore.detection.geometry import Cluster
 from ftcore.detection.parity import Reference
 from ftcore.detection.protection import noncentrality
@@ -101,7 +101,7 @@ def ambiguity_indicators(reference: Reference, limit: float, field: str, label: 
     """
     found = []
     degrees = math.degrees(limit)
-    for k, bands in enumerate(parity.ambiguous_bands(reference, limit)):
+    for k, bands in enumerate(ambiguity.ambiguous_bands(reference, limit)):
         covered = _length([(start, end) for start, end, _ in bands])
         found.append(
             Indicator(

@@ -151,9 +151,8 @@ def test_energy_changes_by_the_power_of_the_forces():
     x, u = some_flight(np.random.default_rng(5), (300,))
     dx = derivative(F16, x, u)
     V, alpha, beta = x[:, 0], x[:, 1], x[:, 2]
-    density, sound = atmosphere(x[:, S.UP])
-    CX, CY, CZ, *_, thrust = aerodynamics(F16, x, u, V / sound)
-    force = 0.5 * density * V**2 * WING_AREA * np.stack([CX, CY, CZ])
+    coefficients, thrust = aerodynamics(F16, x, u)
+    force = 0.5 * atmosphere(x[:, S.UP])[0] * V**2 * WING_AREA * coefficients.T[:3]
     force[0] += thrust
     velocity = V * np.stack([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
     power = (force * velocity).sum(axis=0)

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from scipy.stats import binom
 
 from ftcore import Scenario, Simulation, catalogue
-from ftcore.detection import geometry, parity
+from ftcore.detection import ambiguity, geometry, parity
 from ftcore.detection.geometry import cluster, three_two_dof
 from ftcore.systems.base import Indicated
 from ftcore.systems.registry import SYSTEMS
@@ -50,8 +50,8 @@ def test_turned_mounting_shows_what_it_costs():
 def test_bands_are_what_a_fine_map_shows(angles, degrees):
     reference = parity.uncalibrated(three_two_dof(*angles), SIGMA, 0.0)
     limit = np.deg2rad(degrees)
-    angle, FI, _ = parity.ambiguity_map(reference, limit, 720)
-    for k, bands in enumerate(parity.ambiguous_bands(reference, limit)):
+    angle, FI, _ = ambiguity.ambiguity_map(reference, limit, 720)
+    for k, bands in enumerate(ambiguity.ambiguous_bands(reference, limit)):
         for other in {0, 1, 2} - {k}:
             inside = np.zeros(len(angle), bool)
             for start, end, whose in bands:
@@ -67,8 +67,8 @@ def test_bands_where_planes_do_not_meet_or_are_the_same():
     pairs = [np.linalg.qr(rng.normal(size=(3, 2)))[0].T for _ in range(5)]
     many = parity.uncalibrated(cluster([*pairs, [0.0, 0.0, 1.0]]), SIGMA, 0.0)
     limit = np.deg2rad(35.0)
-    _, FI, _ = parity.ambiguity_map(many, limit, 3600)
-    bands = parity.ambiguous_bands(many, limit)
+    _, FI, _ = ambiguity.ambiguity_map(many, limit, 3600)
+    bands = ambiguity.ambiguous_bands(many, limit)
     assert bands[5] == ()  # one axis: no plane of its own
     for k in range(5):
         for other in set(range(6)) - {k}:
@@ -76,7 +76,7 @@ def test_bands_where_planes_do_not_meet_or_are_the_same():
             assert length == pytest.approx(np.pi * (FI[k, :, other] < limit).mean(), abs=4e-3)
     # Two instruments share the one dimension there is: whatever the fault, both explain it.
     two = parity.uncalibrated(cluster([np.eye(3)[:2], [[0, 1, 1], [1, 1, -1]]]), SIGMA, 0.0)
-    assert parity.ambiguous_bands(two) == (((0.0, np.pi, 1),), ((0.0, np.pi, 0),))
+    assert ambiguity.ambiguous_bands(two) == (((0.0, np.pi, 1),), ((0.0, np.pi, 0),))
 
 
 def test_a_third_of_all_faults_is_ambiguous_at_any_mounting_but_not_the_same_third():

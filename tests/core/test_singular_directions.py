@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, kstest
 
-from ftcore.detection import geometry, parity
+from ftcore.detection import ambiguity, geometry, parity
 from ftcore.detection.geometry import cluster, three_two_dof
 
 SIGMA = 0.01
@@ -53,7 +53,7 @@ def test_with_four_instruments_planes_need_not_meet():
 
 
 def test_a_third_of_all_fault_directions_is_ambiguous_at_15_degrees():
-    angle, FI, ambiguous = parity.ambiguity_map(reference(), directions=720)
+    angle, FI, ambiguous = ambiguity.ambiguity_map(reference(), directions=720)
     assert FI.shape == (3, 720, 3)
     for k in range(3):
         np.testing.assert_allclose(FI[k, :, k], 0.0, atol=1e-7)  # a fault lies in its own plane
@@ -61,12 +61,12 @@ def test_a_third_of_all_fault_directions_is_ambiguous_at_15_degrees():
         assert ambiguous[k].mean() == pytest.approx(1 / 3, abs=0.005)
         assert ambiguous[k, np.abs(np.rad2deg(angle) - 45.0).argmin()]
         assert not ambiguous[k, 0]  # a single axis has no ambiguity
-    assert not parity.ambiguity_map(reference(), np.deg2rad(1e-3), 359)[2].any()
+    assert not ambiguity.ambiguity_map(reference(), np.deg2rad(1e-3), 359)[2].any()
 
 
 def test_the_map_leaves_out_what_has_no_plane():
     tetrad = cluster([[1, 0, 0.7], [-1, 0, 0.7], [0, 1, 0.7], [0, -1, 0.7], [[1, 0, 0], [0, 1, 0]]])
-    _, FI, ambiguous = parity.ambiguity_map(reference(tetrad), directions=8)
+    _, FI, ambiguous = ambiguity.ambiguity_map(reference(tetrad), directions=8)
     assert np.isnan(FI[:4]).all()
     assert not ambiguous[:4].any()
     assert np.isfinite(FI[4]).all()

@@ -28,7 +28,7 @@ Ints = NDArray[np.int64]
 
 L = len(MODELLED)
 AXES = 2 * INSTRUMENTS
-RULE = unscented.Rule()
+RULE = unscented.Rule(redraw=False)
 CLEAR = 5
 """Epochs in a row without a detection after which a doubt is dropped."""
 
@@ -193,7 +193,8 @@ class AnalyticRedundancy:
         for before, after in pairwise(moments):
             power, u = before.power[rows], before.u[rows]
             predicted = unscented.predict(x, P, lambda X, p=power, u=u: self._model.fly(X, p, u), self._Q, RULE)  # type: ignore[misc]
+            # The readings are linear in the states: (41)-(47) are then the Kalman update, without points.
             y, valid = after.y[rows], after.valid[rows] & usable
-            done = unscented.update(predicted, y, lambda X: X @ self._seen.T, self._R, RULE, valid)
+            done = kalman.update(predicted.x, predicted.P, y, self._seen, self._R, valid)
             x, P = within(done.x), done.P
         return x, P

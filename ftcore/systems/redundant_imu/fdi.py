@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +15,10 @@ from numpy.typing import NDArray
 from ftcore.detection import chi_square, parity
 from ftcore.detection.geometry import Cluster
 from ftcore.detection.parity import Reference
-from ftcore.detection.result import TestResult
 from ftcore.systems.base import Flags
 from ftcore.systems.redundant_imu.forms import Settings
-from ftcore.systems.redundant_imu.names import GYRO, SUBJECTS
 
 Array = NDArray[np.float64]
-NAMES = (GYRO, *SUBJECTS)
 
 
 @dataclass(frozen=True)
@@ -60,47 +56,43 @@ def judge(expected: Reference, m: Array, reading: Flags, trusted: Flags, setting
     all of them are declared. So they are when the parity vector lies in nobody's plane.
     """
     p_fa = settings.false_alarm_probability
-    angle = parity.angle_test(expected, m, p_fa, NAMES, reading, math.radians(settings.angle_threshold))
-    plane = parity.parity_test(expected, m, p_fa, NAMES, reading)
-    glt = parity.glt_test(expected, m, p_fa, NAMES, reading)
-    optimal = parity.optimal_parity_test(expected, m, p_fa, NAMES, reading)
-    whole = rest = angle[0]
-    near, close = _stack(angle[1:], "candidate"), _stack(plane[1:], "candidate")
+    whole = rest = parity.look(expected, m, p_fa, reading)
+    angle = parity.by_angle(whole, math.radians(settings.angle_threshold))
+    plane = parity.by_plane(whole)
+    glt = parity.by_likelihood(whole)
+    optimal = parity.by_optimal_vector(whole)
+    near, close = angle.extra["candidate"], plane.extra["candidate"]
     # Whoever explains the parity vector as well as the best does, within what noise does, is as guilty.
-    explained = _stack(glt[1:], "explained")
+    explained = glt.extra["explained"]
     level = explained >= explained.max(axis=-1, keepdims=True) - chi_square.threshold(p_fa, 1)
     alone = level.sum(axis=-1, keepdims=True) == 1
-    largest, shown = (np.array([r.alarm for r in test[1:]]).T for test in (glt, optimal))
     driver = {
         "isolation-angle": near,
         "fault-plane": close,
-        "glt": np.where(alone, largest, level),
-        "optimal-parity": np.where(alone, shown, level),
+        "glt": np.where(alone, glt.alarm, level),
+        "optimal-parity": np.where(alone, optimal.alarm, level),
     }
     declared: Flags = np.zeros(near.shape, bool)
     fewer = (trusted != reading).any(axis=-1)
     if fewer.any():
-        rest = parity.parity_test(expected, m, p_fa, NAMES, trusted)[0]
+        rest = parity.look(expected, m, p_fa, trusted)
     if settings.driving_test != "none":
         declared = driver[settings.driving_test] & ~fewer[:, None]
         declared = (declared | ~declared.any(axis=-1, keepdims=True)) & trusted & rest.alarm[:, None]
-    per_instrument = [*angle[1:], *plane[1:], *glt[1:], *optimal[1:]]
+    sets, instruments = (whole, rest), (angle, plane, glt, optimal)
 
-    def columns(field: str) -> Array:
-        return np.array([getattr(r, field) for r in (whole, rest, *per_instrument)], dtype=np.float64).T
+    def columns(of_sets: str, of_instruments: str) -> Array:
+        first = np.stack([getattr(s, of_sets) for s in sets], axis=-1)
+        return np.concatenate([first, *(getattr(i, of_instruments) for i in instruments)], axis=-1, dtype=np.float64)
 
     return Verdict(
-        p=np.asarray(whole.innovation),
+        p=whole.p,
         detected=rest.alarm,
         declared=declared,
-        statistic=columns("statistic"),
-        threshold=columns("threshold"),
-        dof=columns("dof"),
+        statistic=columns("FD", "statistic"),
+        threshold=columns("threshold", "threshold"),
+        dof=columns("dof", "dof"),
         alarm=np.concatenate(
-            [whole.alarm[:, None], rest.alarm[:, None], near, close, largest & alone, shown & alone], axis=-1
+            [whole.alarm[:, None], rest.alarm[:, None], near, close, glt.alarm & alone, optimal.alarm & alone], axis=-1
         ),
     )
-
-
-def _stack(results: tuple[TestResult, ...], key: str) -> NDArray[Any]:
-    return np.array([r.extra[key] for r in results]).T

@@ -221,7 +221,9 @@ class Navigator:
         """Air data ``(runs, aircraft, 4)`` and where there is a reading."""
         groups = [readings[f"{AIR}.{name}"] for name in AIR_DATA]
         values = np.stack([g.values for g in groups], axis=-1)
-        valid = np.stack([np.broadcast_to(g.valid, g.values.shape) for g in groups], axis=-1)
+        valid = np.empty(values.shape, bool)
+        for i, g in enumerate(groups):
+            valid[..., i] = g.valid
         switched = np.ones((AIRCRAFT, 1), bool)
         switched[: AIRCRAFT - 1] = controls.enabled[AIR]
         return values, np.asarray(valid & switched & np.isfinite(values))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import BlockView, Health, ItemView, View
-from ftcore.detection import geometry, parity
+from ftcore.detection import ambiguity, geometry, parity
 from ftcore.detection.geometry import Cluster
 from ftcore.rotation import rpy_to_matrix
 from ftcore.systems.base import HEALTH, Controls, Flags, Output
@@ -236,7 +236,7 @@ class Reporter:
     def _ambiguous_share(self, degrees: float) -> float:
         """Share of all directions of a fault that the angle test cannot place."""
         if degrees not in self._shares:
-            self._shares[degrees] = float(parity.ambiguity_map(self._expected, math.radians(degrees))[2].mean())
+            self._shares[degrees] = float(ambiguity.ambiguity_map(self._expected, math.radians(degrees))[2].mean())
         return self._shares[degrees]
 
 

@@ -23,7 +23,7 @@ POUND_FORCE = 4.4482216152605
 SLUG = POUND_FORCE / FOOT
 SLUG_FT2 = SLUG * FOOT**2
 
-_OF_ALPHA = ("CZ", "CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp")
+_OF_ALPHA = ("CZ", "CXq", "CZq", "Cmq", "CYr", "Clr", "Cnr", "CYp", "Clp", "Cnp")
 _SURFACES = (
     ("CX", "Cm"),
     ("Cl", "Cn"),
@@ -54,37 +54,44 @@ class Tables:
     """
 
     first: Array
-    """First value on each variable's axis, (8,)."""
+    """First value on each variable's axis, (8, 1)."""
     per_unit: Array
-    """Cells per unit of each variable, (8,)."""
+    """Cells per unit of each variable, (8, 1)."""
     last_cell: Array
-    """Last cell on each axis, (8,)."""
+    """Last cell on each axis, (8, 1)."""
     columns: NDArray[np.int64]
-    """Cells in a row of each group, (4,)."""
+    """Cells in a row of each group, (4, 1)."""
     offset: NDArray[np.int64]
-    """Where each group's cells begin, (4,)."""
+    """Where each group's cells begin, (4, 1)."""
     terms: Array
-    """(cells, 4 terms, 4 functions)."""
+    """(4 terms, 4 functions, cells)."""
     of_alpha: Array
-    """Start and slope in each cell of CZ, CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp, (11, 2, 10)."""
+    """Start and slope in each cell of CZ and of what q, r and p do to it: (2, 10, 11), in the order of _OF_ALPHA."""
 
     def look_up(self, variables: Array) -> tuple[Array, Array]:
-        """Values for variables ``(8, ...)``: the functions of two ``(4 groups, ..., 4)``, those of alpha ``(..., 10)``.
+        """Values for variables ``(8, n)``: the functions of two ``(4 groups, 4, n)``, those of alpha ``(10, n)``.
 
         Outside the published range the edge cell goes on.
         """
-        shape = (8,) + (1,) * (variables.ndim - 1)
-        place = (variables - self.first.reshape(shape)) * self.per_unit.reshape(shape)
-        cell = np.minimum(np.maximum(place, 0.0), self.last_cell.reshape(shape)).astype(np.int64)
+        place = variables - self.first
+        place *= self.per_unit
+        cell = np.minimum(np.maximum(place, 0.0), self.last_cell).astype(np.int64)
         place -= cell
-        shape = (4,) + shape[1:]
-        index = cell[:4] * self.columns.reshape(shape) + (cell[4:] + self.offset.reshape(shape))
-        terms = self.terms[index]
-        y, x = place[:4, ..., None], place[4:, ..., None]
-        surfaces = terms[..., 0, :] + terms[..., 1, :] * x
-        surfaces += (terms[..., 2, :] + terms[..., 3, :] * x) * y
-        curves = self.of_alpha[cell[_ALPHA]]
-        return surfaces, curves[..., 0, :] + curves[..., 1, :] * x[0]
+        index = cell[:_ALPHA] * self.columns
+        index += cell[_ALPHA:]
+        index += self.offset
+        one, along_x, along_y, both = self.terms.take(index, axis=-1)
+        y, x = place[:_ALPHA], place[_ALPHA:]
+        both *= x
+        both += along_y
+        both *= y
+        along_x *= x
+        one += along_x
+        one += both
+        start, slope = self.of_alpha.take(cell[_ALPHA], axis=-1)
+        slope *= x[0]
+        slope += start
+        return one.swapaxes(0, 1), slope
 
 
 @lru_cache(maxsize=1)
@@ -98,15 +105,15 @@ def tables() -> Tables:
     axes += [_axis(group[0]["axes"][1], unit[1]) for group, unit in zip(groups, units, strict=True)]
     first, spacing, cells = np.array(axes).T
     terms = [_terms(group, scale) for group, scale in zip(groups, (1.0, 1.0, 1.0, POUND_FORCE), strict=True)]
-    curves = np.array([t[name]["values"] for name in _OF_ALPHA], dtype=float).T
+    curves = np.array([t[name]["values"] for name in _OF_ALPHA], dtype=float)
     made = Tables(
-        first=first,
-        per_unit=1.0 / spacing,
-        last_cell=cells - 1.0,
-        columns=cells[4:].astype(np.int64),
-        offset=np.cumsum([0] + [len(part) for part in terms[:-1]]),
-        terms=np.concatenate(terms),
-        of_alpha=np.stack([curves[:-1], np.diff(curves, axis=0)], axis=1),
+        first=first[:, None],
+        per_unit=1.0 / spacing[:, None],
+        last_cell=cells[:, None] - 1.0,
+        columns=cells[4:, None].astype(np.int64),
+        offset=np.cumsum([0] + [part.shape[-1] for part in terms[:-1]])[:, None],
+        terms=np.concatenate(terms, axis=-1),
+        of_alpha=np.stack([curves[:, :-1], np.diff(curves)]),
     )
     for array in (made.first, made.per_unit, made.last_cell, made.columns, made.offset, made.terms, made.of_alpha):
         array.flags.writeable = False
@@ -123,12 +130,12 @@ def _axis(named: list[Any], unit: float) -> tuple[float, float, float]:
 
 
 def _terms(members: list[dict[str, Any]], unit: float) -> Array:
-    """Terms of the functions of one group in every cell, (cells, 4, 4); functions that are not there are 0."""
+    """Terms of the functions of one group in every cell, (4, 4, cells); functions that are not there are 0."""
     z = np.array([m["values"] for m in members], dtype=float) * unit
     one = z[:, :-1, :-1]
     along_x = z[:, :-1, 1:] - one
     along_y = z[:, 1:, :-1] - one
     both = z[:, 1:, 1:] - z[:, 1:, :-1] - along_x
-    terms = np.zeros((one[0].size, 4, _WIDTH))
-    terms[..., : len(members)] = np.stack([one, along_x, along_y, both]).reshape(4, len(members), -1).transpose(2, 0, 1)
+    terms = np.zeros((4, _WIDTH, one[0].size))
+    terms[:, : len(members)] = np.stack([one, along_x, along_y, both]).reshape(4, len(members), -1)
     return terms

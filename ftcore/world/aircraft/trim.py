@@ -21,7 +21,6 @@ from ftcore.world.aircraft.dynamics import (
     Aircraft,
     S,
     aerodynamics,
-    atmosphere,
     derivative,
     power_command,
 )
@@ -74,8 +73,7 @@ def trim(
     def imbalance(unknown: Array) -> Array:
         x, u, _ = flight(unknown)
         dx = derivative(aircraft, x, u)
-        mach = speed / atmosphere(np.asarray(height))[1]
-        side = aerodynamics(aircraft, x, u, np.asarray(mach))[1]
+        side = aerodynamics(aircraft, x, u)[0][1]
         return np.array([*dx[list(STEADY)], dx[S.UP] - climb_rate, side])
 
     climb = np.arcsin(climb_rate / speed)

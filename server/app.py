@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import os
 import sys
 from collections.abc import AsyncIterator, Iterator
 from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, FastAPI
@@ -19,17 +17,14 @@ from server import pages, problems, scene_proxy
 from server.limits import BodyLimit
 from server.openapi import describe
 from server.registry import ExperimentRegistry
-from server.routes import experiments, meta, operator, results, scenarios, stream, systems, time
+from server.routes import experiments, logs, meta, operator, results, scenarios, stream, systems, time
 from server.scenes import Scenes
 from server.security import Doorkeeper, Security
 from server.settings import Settings
+from server.uploads import UPLOAD_PATH, Uploads
 
 SWITCH_INTERVAL = 0.001
 """How long [s] a flight may keep the interpreter when the event loop wants it; Python's own is five times that."""
-
-
-NO_FOLDER = Path(os.devnull)
-"""A scenario that comes over the network names no file of this machine; there is no upload yet, so no file at all."""
 
 
 def create_app(settings: Settings | None = None) -> FastAPI:
@@ -44,16 +39,18 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         app.openapi()  # takes a while, so not at someone's first request
-        rinex.restrict(NO_FOLDER)
+        uploads = Uploads(settings.max_upload_bytes)
+        before = rinex.restrict(uploads.folder)  # a scenario that comes over the network names no other file
         with _undisturbed():
-            app.state.registry = ExperimentRegistry(settings)
+            app.state.registry = ExperimentRegistry(settings, uploads)
             app.state.scenes = Scenes()
             try:
                 yield
             finally:
                 await app.state.scenes.close()
                 await app.state.registry.close()
-                rinex.restrict(None)
+                rinex.restrict(before)
+                uploads.close()
 
     app = FastAPI(
         title="FTLab",
@@ -68,12 +65,12 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     app.state.settings, app.state.doorkeeper = settings, doorkeeper
     problems.install(app)
     api = APIRouter(prefix="/api/v1")
-    for resource in (systems, scenarios, experiments, time, operator, results, meta, stream):
+    for resource in (systems, scenarios, experiments, logs, time, operator, results, meta, stream):
         api.include_router(resource.router)
     for router in (api, scene_proxy.router, pages.router):
         app.include_router(router)
     app.add_middleware(GZipMiddleware, minimum_size=1400, compresslevel=4)
-    app.add_middleware(BodyLimit, most=settings.max_body_bytes)
+    app.add_middleware(BodyLimit, most=settings.max_body_bytes, wider={UPLOAD_PATH: settings.max_log_bytes})
     app.add_middleware(Security, doorkeeper=doorkeeper)
     describe(app, guarded=doorkeeper.guarded)
     return app

@@ -69,6 +69,7 @@ class Experiment:
         self.parent = parent
         self.ghost_of = ghost_of
         self.description = simulation.description
+        self.scenario = simulation.scenario
         self.version = 0
         self.cursor: float | None = None
         self.subscribers: set[Subscriber] = set()
@@ -259,6 +260,7 @@ class Experiment:
                 state=self._state,
                 time=simulation.now,
                 epoch=simulation.epoch,
+                period=simulation.period,
                 speed=self._pacer.speed,
                 duration=simulation.duration,
                 reason=self.reason,

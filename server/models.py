@@ -90,6 +90,7 @@ class ClockState(Answer):
     state: State
     time: float = Field(description="time of the last epoch [s]", json_schema_extra={"unit": "s"})
     epoch: int
+    period: float = Field(description="seconds between epochs", json_schema_extra={"unit": "s"})
     speed: float | Literal["max"] = Field(description="simulated seconds per second, or as fast as it goes")
     duration: float = Field(json_schema_extra={"unit": "s"})
     reason: str | None = Field(default=None, description="why it failed")

@@ -89,7 +89,7 @@ _MEANING = {
     406: "None of the media types asked for can be given.",
     409: "Well-formed, but it contradicts itself or the state of the experiment. Nothing has changed.",
     413: "The body is too large.",
-    415: "The body is not sent as application/json.",
+    415: "The body is not sent as the media type that is wanted.",
     422: "The request does not fit the schema. Nothing has changed.",
     429: "A limit of this server is reached.",
 }

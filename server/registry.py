@@ -3,30 +3,45 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
 
 from ftcore import Scenario, Simulation, catalogue
 from ftcore.scenario import Change, Clear, Inject
+from ftcore.systems.gps_receiver.logs import log_scenario
 from server import problems
 from server.experiments import Experiment, Workers
 from server.models import whole
 from server.problems import Refused, at
 from server.settings import Settings
+from server.uploads import Uploads
+
+
+@dataclass(frozen=True)
+class ReceiverLog:
+    """What was uploaded: contents of the two files, and the antenna's position [m], Earth-fixed, if it was given."""
+
+    observation: bytes
+    navigation: bytes
+    antenna: tuple[float, float, float] | None
 
 
 class ExperimentRegistry:
-    """The experiments of this server. Lives on the event loop."""
+    """The experiments of this server, and the uploaded files that they use. Lives on the event loop."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, uploads: Uploads) -> None:
         self.settings = settings
+        self.uploads = uploads
         self._experiments: dict[str, Experiment] = {}
         self._reserved = 0
+        self._reader = asyncio.Semaphore(1)  # reading a large log takes a core and some memory: one at a time
         self._executor = ThreadPoolExecutor(settings.workers, thread_name_prefix="flight")
         self._workers = Workers(self._executor, settings.workers)
 
@@ -46,11 +61,34 @@ class ExperimentRegistry:
 
     async def create(self, scenario: Scenario, seed: int | None = None, title: str | None = None) -> Experiment:
         """A new experiment, paused at t = 0. Raises Refused (429) at the cap."""
-        return await self._add(lambda: Simulation(scenario, seed=seed, max_epochs=self.settings.max_epochs), title)
+        with self._using(scenario):
+            return await self._add(lambda: Simulation(scenario, seed=seed, max_epochs=self.settings.max_epochs), title)
+
+    async def create_from_log(self, log: ReceiverLog, title: str | None = None) -> Experiment:
+        """An experiment that flies a receiver's log, paused at t = 0.
+
+        Raises:
+            LogError, CommandError: the log cannot be used; one sentence.
+            Refused: 429 at the cap of experiments or of what may be uploaded.
+        """
+        files = (log.observation, log.navigation)
+
+        def make() -> Simulation:
+            for name, content in zip(names, files, strict=True):
+                self.uploads.write(name, content)
+            document = log_scenario(names[0], names[1], log.antenna, self.settings.max_log_epochs)
+            return Simulation(Scenario.model_validate(document), max_epochs=self.settings.max_epochs)
+
+        try:
+            with self.uploads.adding(*files) as names:
+                async with self._reader:
+                    return await self._add(make, title)
+        finally:
+            self._tidy()
 
     async def fork(self, parent: Experiment, at: float | None, title: str | None) -> Experiment:
         """A second flight that shares the past of ``parent``. Raises CommandError outside the flight."""
-        with self._room():
+        with self._room(), self._using(parent.scenario):
             branch = await parent.read(lambda simulation: simulation.fork(at))
             return self._enter(branch, title or f"{parent.title} (branch)", parent=parent.id)
 
@@ -58,11 +96,12 @@ class ExperimentRegistry:
         """The same flight without any fault, flown to the same time."""
         document, epoch = await original.read(lambda simulation: (simulation.document(), simulation.epoch))
         scenario = without_faults(document)
-        ghost = await self._add(
-            lambda: Simulation(scenario, max_epochs=self.settings.max_epochs),
-            f"{original.title} (without faults)",
-            ghost_of=original.id,
-        )
+        with self._using(scenario):
+            ghost = await self._add(
+                lambda: Simulation(scenario, max_epochs=self.settings.max_epochs),
+                f"{original.title} (without faults)",
+                ghost_of=original.id,
+            )
         try:
             await ghost.advance(lambda _: epoch)
         except Refused:
@@ -75,6 +114,7 @@ class ExperimentRegistry:
         experiment = self.get(id)
         del self._experiments[id]
         await experiment.close()
+        self._tidy()
 
     async def close(self) -> None:
         """Stop everything."""
@@ -91,6 +131,20 @@ class ExperimentRegistry:
         experiment = Experiment(id, simulation, self._workers, title, **relation)
         self._experiments[id] = experiment
         return experiment
+
+    @contextlib.contextmanager
+    def _using(self, scenario: Scenario) -> Iterator[None]:
+        """Keep the uploaded files of a scenario while an experiment is made of it."""
+        try:
+            with self.uploads.holding(self.uploads.named_in(scenario)):
+                yield
+        finally:
+            self._tidy()
+
+    def _tidy(self) -> None:
+        """Delete uploaded files that no experiment uses any more."""
+        if len(self.uploads):
+            self.uploads.keep({name for e in self.all() for name in self.uploads.named_in(e.scenario)})
 
     def _room(self) -> _Reservation:
         cap = self.settings.max_experiments

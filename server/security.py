@@ -20,6 +20,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.problems import problem
 from server.settings import LOOPBACK, Settings
+from server.uploads import UPLOAD_PATH
 
 COOKIE = "ftlab-session"
 TOKEN_HEADER = "x-ftlab-token"
@@ -175,12 +176,19 @@ class Security:
 
     @staticmethod
     def _unreadable(scope: Scope, headers: Headers) -> Response | None:
-        """A body for the API that is not said to be JSON is refused unread; a form of another page cannot say so."""
+        """A body for the API that is not said to be JSON is refused unread; a form of another page cannot say so.
+
+        Files come as a form, to one path; there another page is told by the Origin that browsers send with every form.
+        """
         if scope.get("method", "GET") in _SAFE or not scope["path"].startswith("/api/"):
             return None
         if headers.get("content-length", "0") == "0" and "transfer-encoding" not in headers:
             return None
         kind = headers.get("content-type", "").partition(";")[0].strip().lower()
+        if scope["path"] == UPLOAD_PATH:
+            if kind == "multipart/form-data":
+                return None
+            return problem(415, f"send multipart/form-data, not {kind or 'a body without a content type'}")
         if kind == "application/json" or (kind.startswith("application/") and kind.endswith("+json")):
             return None
         return problem(415, f"send application/json, not {kind or 'a body without a content type'}")

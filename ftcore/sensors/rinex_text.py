@@ -126,12 +126,15 @@ def observations(text: str, max_epochs: int) -> Observations:
 
 
 def navigation(text: str) -> str:
-    """Walk a navigation file and keep its header and GPS records. Raises LogError."""
+    """Walk a navigation file and keep its header and GPS records, of several for one satellite and time the first.
+
+    Raises LogError. (Receivers repeat a record as often as they hear it; georinex leaves out such a satellite.)
+    """
     what = NAVIGATION
     lines = _Lines(text, what)
     version, _ = _header(lines, "N")
     kept = text.splitlines()[: lines.number]
-    found = False
+    known: set[str] = set()
     while lines.more():
         first = lines.next()
         system = "G" if version == 2 else first[:1]
@@ -139,10 +142,11 @@ def navigation(text: str) -> str:
             raise lines.corrupt()
         rows = [_navigation_row(first, lines, version, 0)]
         rows += [_navigation_row(lines.next(), lines, version, i) for i in range(1, _NAVIGATION_LINES[system])]
-        if system == "G":
-            found = True
+        satellite_and_time = rows[0][: 22 if version == 2 else 23]
+        if system == "G" and satellite_and_time not in known:
+            known.add(satellite_and_time)
             kept += rows
-    if not found:
+    if not known:
         raise refusal(what, "holds no ephemeris of a GPS satellite")
     return "\n".join(kept) + "\n"
 

@@ -6,9 +6,10 @@ import asyncio
 
 from fastapi import APIRouter, Response
 
+from ftcore import CommandError
 from server.dependencies import Live, Registry, SceneServers
 from server.models import ExperimentState, Fork, NewExperiment
-from server.problems import documented
+from server.problems import Refused, at, documented
 from server.registry import scenario_from
 
 router = APIRouter(prefix="/experiments", tags=["experiments"])
@@ -24,7 +25,11 @@ router = APIRouter(prefix="/experiments", tags=["experiments"])
 async def create_experiment(body: NewExperiment, registry: Registry, response: Response) -> ExperimentState:
     """A new experiment, paused at t = 0."""
     scenario = await asyncio.to_thread(scenario_from, body.scenario)
-    experiment = await registry.create(scenario, body.seed, body.title)
+    try:
+        experiment = await registry.create(scenario, body.seed, body.title)
+    except CommandError as error:
+        place = at(["scenario", *error.field.split(".")], str(error))
+        raise Refused(409, str(error), [place]) from None
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
     return await experiment.state()
 

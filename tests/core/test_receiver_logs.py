@@ -186,6 +186,12 @@ def test_a_gap_at_the_start_reads_as_what_follows():
     np.testing.assert_array_equal(held(values), [[5.0, 0.0], [5.0, 0.0], [5.0, 0.0], [7.0, 0.0]])
 
 
+def test_given_ephemerides_said_twice_then_no_satellite_is_lost(made):
+    head, body = made.navigation.split(b"END OF HEADER\n")
+    twice = rinex.parse(made.observation, head + b"END OF HEADER\n" + body + body)
+    np.testing.assert_array_equal(twice.pseudorange, rinex.parse(made.observation, made.navigation).pseudorange)
+
+
 # ---- what is wrong says where
 
 

@@ -18,7 +18,7 @@ def test_an_experiment_starts_paused_at_zero_and_says_where_it_is(client: TestCl
     assert made["seed"] == 11
     assert made["system"] == "toy"
     assert made["clock"] == {
-        "state": "paused", "time": 0.0, "epoch": 0, "speed": 1.0, "duration": 60.0, "reason": None
+        "state": "paused", "time": 0.0, "epoch": 0, "period": 0.1, "speed": 1.0, "duration": 60.0, "reason": None
     }  # fmt: skip
     assert made["scenario"] == {"id": "toy", "title": "Toy", "hint": ""}
     assert made["subsystems"] == {"ruler": {"enabled": True, "used": True, "health": "ok"}}

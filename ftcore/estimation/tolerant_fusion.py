@@ -229,13 +229,19 @@ def stacked(y: Array, H: Array, R: Array, layout: Layout, valid: Mask | None) ->
     m = layout.rows
     if y.shape[-1] != m or H.shape[-2] != m:
         raise ValueError(f"{layout.names} have {m} rows in all, but y has {y.shape[-1]} and H {H.shape[-2]}")
-    eye = np.eye(m)
-    full = R.ndim == 3
     if valid is not None and not valid.all():
         y = np.where(valid, y, 0.0)
         H = np.where(valid[:, :, None], H, 0.0)
+    return y, H, noise(R, valid)
+
+
+def noise(R: Array, valid: Mask | None) -> Array:
+    """R (m,), (runs, m) or (runs, m, m) as (runs, m, m), a leading 1 for all runs; unit where a row is not valid."""
+    eye = np.eye(R.shape[-1])
+    full = R.ndim == 3
+    if valid is not None and not valid.all():
         R = np.where(valid[:, :, None] & valid[:, None, :], R, eye) if full else np.where(valid, R, 1.0)
-    return y, H, R if full else np.atleast_2d(R)[:, :, None] * eye
+    return np.asarray(R if full else np.atleast_2d(R)[:, :, None] * eye)
 
 
 def _subset_inverses(S: Array, layout: Layout) -> tuple[Array, list[Array]]:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from ftcore import catalogue
+from ftcore import Scenario, Simulation, catalogue
 from tests.bench import covariance, flights
 from tests.bench.measure import seconds
 
@@ -33,11 +33,11 @@ def cost(system: str) -> tuple[float, float]:
     return flights.cost(flights.default_scenario(system), ROUNDS)
 
 
-@pytest.mark.parametrize("system", [s for s in SYSTEMS if flights.real_time_factor_wanted(s)])
-def test_given_a_system_then_one_run_flies_200_times_real_time_with_everything_on(system: str) -> None:
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_given_a_system_then_one_run_is_as_fast_as_wanted_with_everything_on(system: str) -> None:
     """If a dozen tries all met a busy neighbour, as many again: the least of them still errs on the slow side."""
     scenario = flights.default_scenario(system)
-    needed = flights.flown(scenario) / flights.REAL_TIME_FACTOR
+    needed = flights.flown(scenario) / flights.real_time_factor_wanted(system)
     best = cost(system)[0]
     for _ in range(3 * ROUNDS):
         if best > needed:
@@ -55,6 +55,24 @@ def test_given_a_system_then_100_runs_cost_10_single_ones_at_most(system: str) -
             one, many = min(one, again[0]), min(many, again[1])
     print(f"{system}: {flights.BATCH} runs cost {many / one:.1f} single ones")
     assert many / one <= flights.COST_OF_A_BATCH
+
+
+def test_given_the_flight_of_kim_2005_then_15_s_with_both_twins_take_3_s_and_20_runs_cost_5_at_most() -> None:
+    """Three aircraft, FDI and UKF; the fault comes at 1 s, so the UKF runs nearly all the time.
+
+    Tried until it is met comfortably, or often.
+    """
+    scenario = Scenario.load("kim-2005")
+    Simulation(scenario).advance(epochs=3)
+    one = many = np.inf
+    for _ in range(2 * ROUNDS):
+        one = min(one, *(seconds(lambda: Simulation(scenario).advance()) for _ in range(2)))
+        many = min(many, seconds(lambda: Simulation(scenario, runs=20).advance()))
+        if one <= 2.0 and many <= 4.0 * one:
+            break
+    print(f"{scenario.duration:g} s in {one:.2f} s; 20 runs cost {many / one:.1f} single ones")
+    assert one <= 3.0
+    assert many <= 5.0 * one
 
 
 def test_given_the_same_matrices_then_our_cycle_gives_what_filterpy_gives() -> None:

@@ -83,14 +83,22 @@ def test_the_printed_check_case_of_the_source():
 
 @pytest.mark.parametrize(
     ("xcg", "throttle", "elevator", "alpha"),
-    [(0.35, 0.1385, -0.7588, 0.03691), (0.30, 0.1485, -1.931, 0.03936), (0.38, 0.1325, -0.0559, 0.03544)],
+    [
+        (0.35, "0.1385", "-0.7588", "0.03691"),
+        (0.30, "0.1485", "-1.931", "0.03936"),
+        (0.38, "0.1325", "-0.0559", "0.03544"),
+    ],
 )
-def test_printed_trims_at_502_feet_per_second_and_sea_level(xcg, throttle, elevator, alpha):
+def test_trims_at_502_feet_per_second_and_sea_level_to_the_printed_digits(xcg, throttle, elevator, alpha):
     found = trim(f16(xcg), 502.0 * FOOT, 0.0)
-    assert found.u[C.THROTTLE] == pytest.approx(throttle, abs=5e-5)
-    assert np.rad2deg(found.u[C.ELEVATOR]) == pytest.approx(elevator, abs=6e-4)
-    assert found.x[S.ALPHA] == pytest.approx(alpha, abs=5e-6)
-    assert found.x[S.PITCH] == pytest.approx(alpha, abs=5e-6)
+    for printed, value in (
+        (throttle, found.u[C.THROTTLE]),
+        (elevator, np.rad2deg(found.u[C.ELEVATOR])),
+        (alpha, found.x[S.ALPHA]),
+        (alpha, found.x[S.PITCH]),
+    ):
+        digits = len(printed.split(".")[1])
+        assert f"{value:.{digits}f}" == printed
     np.testing.assert_allclose([*found.u[2:], found.x[S.BETA], found.turn_rate], 0.0, atol=1e-12)
 
 

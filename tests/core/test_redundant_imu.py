@@ -8,37 +8,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from scipy.stats import chi2, kstest
 
 from ftcore import Fault, Scenario, Simulation, catalogue
 from ftcore.faults import KINDS
 from ftcore.systems.redundant_imu.names import SUBJECTS
-from ftcore.world.aircraft import S
+from tests.redundant_imu import bias, pair, scenario
 
 DESCRIPTION = catalogue.system("redundant-imu")
 CHANNELS = [c.name for c in DESCRIPTION.channels]
-FALSE_FAILURE = 1e-6
-
-
-def bias(axis, magnitude=0.1, start=1.0, end=None):
-    return {"channel": f"imu.gyro.{axis}", "kind": "bias", "magnitude": magnitude, "start": start, "end": end}
-
-
-def pair(instrument, second=1.0, start=1.0, size=0.1, end=None):
-    return [bias(f"{instrument}x", size, start, end), bias(f"{instrument}y", second * size, start, end)]
-
-
-def scenario(faults=(), duration=2.0, seed=2, parameters=None, **settings):
-    return Scenario.model_validate(
-        {
-            "system": "redundant-imu",
-            "duration": duration,
-            "seed": seed,
-            "faults": list(faults),
-            "parameters": parameters or {},
-            "settings": settings,
-        }
-    )
 
 
 def isolated(sim):
@@ -345,58 +322,3 @@ def test_given_a_model_that_is_far_off_then_the_tie_is_said():
     assert "isolation.ambiguous" in {e.kind for e in sim.events}
     assert sim["isolation.ambiguous"].any()
     assert sim.view().blocks["ukf"].text == "cannot tell"
-
-
-# ---- the UKF as the system runs it
-
-
-IDEAL = {"mismatch": {"mass": 0.0, "centre_of_gravity": 0.0, "aerodynamics": 0.0}}
-
-
-def test_in_the_ideal_case_the_residual_of_the_innocent_suspect_is_no_larger_than_chi_square():
-    sim = Simulation(scenario(pair(1), 1.3, parameters=IDEAL), runs=40).advance()
-    late = sim["test.ukf.imu.gyro.3.statistic"][-1]
-    late = late[np.isfinite(late)]  # now and then noise lets parity space name gyro 1 alone, and nobody asks the UKF
-    assert len(late) > 30
-    # The filter allows for a model that is wrong; with the right one it is cautious: smaller, never larger.
-    assert kstest(late, chi2(2).cdf, alternative="less").pvalue > FALSE_FAILURE
-    assert late.max() < chi2.isf(FALSE_FAILURE / 40, 2)
-
-
-def test_given_a_lead_then_the_ukf_starts_from_states_that_the_fault_has_not_reached():
-    """A fault that is declared only four epochs after its onset: what was stored last is contaminated already."""
-    error = {}
-    for lead in (1, 8):
-        late = scenario(pair(1, start=0.9), parameters=IDEAL, lead=lead, driving_test="none")
-        sim = Simulation(late, runs=6).advance(until=0.98)
-        sim.configure(driving_test="isolation-angle")
-        sim.advance(epochs=1)
-        episode, truth = sim._state.navigator.episode, sim._state.plant.x[:, 0]
-        assert episode.active.all()
-        error[lead] = np.abs(episode.x[:, 6] - truth[:, S.Q]).mean()
-    assert error[1] > 0.03  # half of the fault's 0.14 rad/s in pitch came in with the stored rates
-    assert error[8] < 0.02
-
-
-def test_the_healthy_axes_only_reach_the_ukf():
-    """Whatever the suspects read, the filter that runs without them estimates the same."""
-    small, large = Simulation(scenario(pair(1), 1.0)).advance(), Simulation(scenario(pair(1, size=0.2), 1.0)).advance()
-    a, b = small._state.navigator.episode, large._state.navigator.episode
-    assert a.suspects.tolist() == b.suspects.tolist() == [[True, False, True]]
-    np.testing.assert_array_equal(a.x, b.x)
-
-
-# ---- speed
-
-
-def test_twenty_runs_cost_at_most_five_times_one():
-    from time import process_time
-
-    def cost(runs):
-        sim = Simulation(scenario(pair(1, start=0.2), 1.0), runs=runs)
-        start = process_time()
-        sim.advance()
-        return process_time() - start
-
-    cost(1)
-    assert min(cost(20) for _ in range(2)) < 5.0 * min(cost(1) for _ in range(3))

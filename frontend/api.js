@@ -161,12 +161,12 @@ export function seriesPath(id, signals) {
   return `${experiment(id)}/series?signals=${signals.map(encodeURIComponent).join(',')}`;
 }
 
-/** Moves the 3-D scene to a past moment; null is live. @param {string} id @param {number | null} time */
-export function moveScene(id, time) {
+/** Moves the 3-D scene to a past moment, null is live, and to another of its pictures. @param {string} id @param {number | null} time @param {string} [picture] */
+export function moveScene(id, time, picture) {
   return fetch(`${ROOT}${experiment(id)}/cursor`, {
     method: 'PUT',
     headers: { 'content-type': 'application/json' },
-    body: JSON.stringify({ time }),
+    body: JSON.stringify({ time, picture }),
   });
 }
 

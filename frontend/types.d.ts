@@ -24,7 +24,7 @@ export interface Block {
   sensor: string | null; subsystem: string | null; settings: string[];
 }
 export interface Wire { source: string; target: string; carries: string | null }
-export interface SceneItem { id: string; label: string; kind: string; frame: string; family: string; channel: string | null }
+export interface SceneItem { id: string; label: string; kind: string; frame: string; picture: string; family: string; channel: string | null }
 export interface Schema {
   type?: string; title?: string; description?: string; default?: unknown; enum?: unknown[]; const?: unknown; unit?: string;
   minimum?: number; maximum?: number; exclusiveMinimum?: number; exclusiveMaximum?: number; multipleOf?: number;

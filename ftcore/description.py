@@ -164,16 +164,27 @@ class SceneItem(Described):
     """One thing in the 3-D scene; its state (vector, health) comes with each epoch's :class:`View`.
 
     ``kind``: ``axis`` (arrow from the origin), ``spin`` (thin arrow), ``plane`` (square patch by its normal),
-    ``vector`` (free arrow), ``line-of-sight`` (line with a ball at its end), ``aircraft`` (attitude of the body frame).
+    ``vector`` (free arrow), ``line-of-sight`` (line with a ball at its end), ``aircraft`` (attitude of the body frame),
+    ``path`` (way of a point), ``ball`` (see-through, as large as its vector is long).
+
+    ``frame``: ``body`` turns with the aircraft, ``level`` stands on the ground, ``own`` is a space of its own such as
+    parity space. Items of different spaces belong into different pictures, of which one is shown at a time.
     """
 
     id: str
     label: str
-    kind: Literal["axis", "spin", "plane", "vector", "line-of-sight", "aircraft", "path"]
-    frame: Literal["body", "level"] = "body"
+    kind: Literal["axis", "spin", "plane", "vector", "line-of-sight", "aircraft", "path", "ball"]
+    frame: Literal["body", "level", "own"] = "body"
+    picture: str = Field(default="", max_length=40, description="the picture it is in, as a person is offered it")
     family: str = Field(description="legend entry; also the colour family, e.g. 'instrument 1'")
     vector: tuple[float, float, float] | None = Field(default=None, description="fixed direction, if it never changes")
     channel: str | None = Field(default=None, description="channel that a click here would fault")
+    trail: tuple[str, str, str] | None = Field(
+        default=None, description="path: signals of the point's coordinates, so that the whole way is known"
+    )
+    unit_length: float = Field(
+        default=1.0, gt=0.0, description="path: how much of the trail's signals is one unit [SI]"
+    )
 
 
 class Band(Described):

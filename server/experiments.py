@@ -72,6 +72,7 @@ class Experiment:
         self.scenario = simulation.scenario
         self.version = 0
         self.cursor: float | None = None
+        self.picture = next((item.picture for item in self.description.scene), "")
         self.subscribers: set[Subscriber] = set()
         self.rewinds: list[float] = []
         self.reason: str | None = None
@@ -285,12 +286,15 @@ class Experiment:
 
         return await self.read(look)
 
-    async def show(self, time: float | None) -> None:
-        """Move the scene's cursor to a past moment, or to the newest epoch (None).
+    async def show(self, time: float | None, picture: str | None = None) -> None:
+        """Move the scene's cursor to a past moment, or to the newest epoch (None), and choose one of its pictures.
 
         Raises:
-            CommandError: outside the flight so far.
+            CommandError: outside the flight so far, or no such picture.
         """
+        pictures = list(dict.fromkeys(item.picture for item in self.description.scene))
+        if picture is not None and picture not in pictures:
+            raise CommandError("picture", f"no picture {picture!r}; there are {', '.join(map(repr, pictures))}")
 
         def check(simulation: Simulation) -> None:
             if time is not None and time > simulation.now + 1e-9:
@@ -300,6 +304,7 @@ class Experiment:
 
         await self.read(check)
         self.cursor = time
+        self.picture = self.picture if picture is None else picture
         for subscriber in self.subscribers:
             subscriber.changed(at_once=True)
 

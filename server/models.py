@@ -216,6 +216,9 @@ class Cursor(Request):
     """The moment that the 3-D scene shows."""
 
     time: Seconds | None = Field(description="null: live")
+    picture: str | None = Field(
+        default=None, max_length=40, description="which of the scene's pictures is shown; absent: the one that is"
+    )
 
 
 # ---- what the operator does ---------------------------------------------------------------------------------------

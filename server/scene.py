@@ -12,22 +12,25 @@ from typing import Any, Protocol
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from ftcore.description import Health, ItemView, SceneItem, View
 from server import shapes
 
 Colour = tuple[int, int, int]
 Vector = tuple[float, float, float]
+Trails = dict[str, NDArray[np.float64]]
+"""Ways of points up to the moment shown: item id -> (n, 3), in scene units."""
 
 FAMILIES: tuple[Colour, ...] = (
     (86, 180, 233),
+    (230, 159, 0),
     (0, 158, 115),
     (204, 121, 167),
-    (230, 159, 0),
     (0, 114, 178),
     (148, 148, 160),
 )
-"""Okabe-Ito without vermilion and yellow, which mean something here."""
+"""Okabe-Ito in the order of the charts' lines, without vermilion and yellow, which mean something here."""
 
 HEALTH: dict[Health, Colour] = {
     "faulted": (213, 94, 0),
@@ -55,6 +58,9 @@ class Drawn(Protocol):
         """Draw the item as it is at ``time``."""
 
 
+HIDDEN = ItemView(visible=False)
+
+
 class Scene:
     """The drawing of one system on one viser server. Not thread-safe."""
 
@@ -68,43 +74,79 @@ class Scene:
         # at the first frame with both, under 2 s without), and arrows need neither.
         scene.configure_environment_map(hdri=None)
         scene.configure_default_lights(enabled=True, cast_shadow=False)
+        scene.add_light_ambient("/ambient", intensity=1.2)  # a patch that faces no lamp is not black
         self._body = scene.add_frame("/body", show_axes=False, wxyz=LEVEL_FLIGHT)
-        if any(item.frame == "level" for item in items):
-            _draw_level(scene)
+        self._grounded = {item.picture for item in items if item.frame == "level"}
+        self._ground = _draw_level(scene) if self._grounded else ()
+        self._pictures = {item.id: item.picture for item in items}
+        self._picture = next((item.picture for item in items), "")
         self._drawn: dict[str, Drawn] = {}
         for i, item in enumerate(items):
-            name = f"/body/item{i}" if item.frame == "body" or item.kind == "aircraft" else f"/item{i}"
+            turning = item.frame == "body" or (item.kind == "aircraft" and item.frame == "level")
+            name = f"/body/item{i}" if turning else f"/item{i}"
             colour = FAMILIES[families[item.family] % len(FAMILIES)]
             self._drawn[item.id] = _DRAW[item.kind](scene, name, item, colour)
         self._shown: dict[str, ItemView] = {}
-        self._look(LEAST_RADIUS)
+        self._rotation: tuple[float, float, float, float] | None = None
+        self._turn_to(self._picture)
 
-    def show(self, view: View) -> None:
-        """Bring the drawing up to date, in one go."""
+    def show(self, view: View, picture: str | None = None, trails: Trails | None = None) -> None:
+        """Bring the drawing up to date, in one go; ``picture`` absent: the one that is shown."""
         with self._server.atomic():
+            if picture is not None and picture != self._picture:
+                self._turn_to(picture)
+            trails = trails or {}
             for id, drawn in self._drawn.items():
                 item = view.items.get(id)
                 if item is None:
                     continue
-                before = self._shown.get(id)
-                if item.rotation is not None and (before is None or before.rotation != item.rotation):
-                    self._body.wxyz = item.rotation
-                if before != item or isinstance(drawn, _Path):
+                if item.rotation is not None and item.rotation != self._rotation:
+                    self._rotation = self._body.wxyz = item.rotation
+                if self._pictures[id] != self._picture:
+                    item = HIDDEN
+                if isinstance(drawn, _Path):
+                    drawn.follow(item, view.time, trails.get(id))
+                elif self._shown.get(id) != item:
                     drawn.show(item, view.time)
-                    self._shown[id] = item
-            reach = [math.hypot(*v.vector) for v in view.items.values() if v.vector is not None and v.visible]
-            if max(reach, default=0.0) > self._radius:
-                self._look(max(reach))
+                self._shown[id] = item
+            here = [v for id, v in self._shown.items() if v.visible and v.vector is not None]
+            reach = max((math.hypot(*v.vector) for v in here if v.vector is not None), default=0.0)
+            if trails:
+                self._look_over(np.concatenate(list(trails.values())))
+            elif reach > self._radius:
+                self._look(reach)
         self._server.flush()
 
-    def _look(self, radius: float) -> None:
+    def _turn_to(self, picture: str) -> None:
+        """Show another picture: its ground, and the camera where a person first stands."""
+        self._picture = picture
+        for part in self._ground:
+            part.visible = picture in self._grounded
+        self._radius = 0.0
+        self._look(LEAST_RADIUS)
+
+    def _look_over(self, points: NDArray[np.float64]) -> None:
+        """Stand where the ways ``(n, 3)`` are seen from start to end; well back, so as not to move at every step."""
+        points = points[np.isfinite(points).all(axis=-1)]
+        if not len(points):
+            return
+        low, high = np.minimum(points.min(axis=0), 0.0), np.maximum(points.max(axis=0), 0.0)
+        radius = max(0.5 * float(np.linalg.norm(high - low)), 0.25)
+        if not 0.55 * self._radius < radius < self._radius:
+            east, north = points[-1, :2]
+            # From the right-hand side of the way, so that its length and its height are seen.
+            side = np.array([north, -east, 0.45 * math.hypot(east, north)])
+            self._look(1.2 * radius, 0.5 * (low + high), side if side.any() else FROM)
+
+    def _look(self, radius: float, middle: NDArray[np.float64] | None = None, side: NDArray[np.float64] = FROM) -> None:
         """Stand where everything within ``radius`` is seen; who is looking already is taken along.
 
         What reaches far is in the sky, so the camera looks at a point a little above the middle.
         """
         self._radius = radius
-        middle = np.array([0.0, 0.0, 0.3 * (radius - LEAST_RADIUS)])
-        position = middle + FROM / np.linalg.norm(FROM) * 0.88 * radius / math.sin(0.5 * FIELD_OF_VIEW)
+        if middle is None:
+            middle = np.array([0.0, 0.0, 0.3 * (radius - LEAST_RADIUS)])
+        position = middle + side / np.linalg.norm(side) * 0.88 * radius / math.sin(0.5 * FIELD_OF_VIEW)
         cameras: list[Any] = [
             self._server.initial_camera,
             *(client.camera for client in self._server.get_clients().values()),
@@ -118,9 +160,9 @@ def colour_of(health: Health, family: Colour) -> Colour:
     return HEALTH.get(health, family)
 
 
-def _draw_level(scene: Any) -> None:
-    """A quiet ground with north and east on it."""
-    scene.add_grid(
+def _draw_level(scene: Any) -> tuple[Any, ...]:
+    """A quiet ground with north and east on it: its parts."""
+    grid = scene.add_grid(
         "/level",
         width=3.0,
         height=3.0,
@@ -133,8 +175,11 @@ def _draw_level(scene: Any) -> None:
         section_thickness=0.9,
         shadow_opacity=0.0,
     )
-    for text, position in (("N", (0.0, 1.6, -0.9)), ("E", (1.6, 0.0, -0.9))):
-        scene.add_label(f"/level/{text}", text, position=(position[0], position[1], 0.0), anchor="center-center")
+    words = [
+        scene.add_label(f"/level/{text}", text, position=position, anchor="center-center")
+        for text, position in (("N", (0.0, 1.6, 0.0)), ("E", (1.6, 0.0, 0.0)))
+    ]
+    return (grid, *words)
 
 
 class _Labelled:
@@ -146,7 +191,7 @@ class _Labelled:
         self._label = scene.add_label(
             f"{name}/label", item.label, anchor="center-center", font_screen_scale=0.7, visible=False
         )
-        self._always = item.kind in ("axis", "line-of-sight")
+        self._always = item.kind in ("axis", "spin", "line-of-sight", "path")
         self._health: Health = "ok"
 
     def _mark(self, view: ItemView, at: Vector, paint: Callable[[Colour], None]) -> None:
@@ -194,7 +239,7 @@ class _Plane(_Labelled):
         super().__init__(scene, name, item, colour)
         vertices, faces = shapes.square(0.7)
         self._patch = scene.add_mesh_simple(
-            name, vertices, faces, color=colour, opacity=0.22, side="double", cast_shadow=False, receive_shadow=False,
+            name, vertices, faces, color=colour, opacity=0.3, side="double", cast_shadow=False, receive_shadow=False,
             visible=False,
         )  # fmt: skip
 
@@ -239,7 +284,7 @@ class _Aircraft(_Labelled):
 
     def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
         super().__init__(scene, name, item, colour)
-        vertices, faces = shapes.aircraft(1.25)
+        vertices, faces = shapes.aircraft(0.8)
         self._hull = scene.add_mesh_simple(
             name, vertices, faces, color=colour, opacity=0.32, side="double", flat_shading=True, cast_shadow=False,
             receive_shadow=False,
@@ -263,22 +308,53 @@ class _Path(_Labelled):
         )
         self._way: list[tuple[float, Vector]] = []
 
+    def follow(self, view: ItemView, time: float, trail: NDArray[np.float64] | None) -> None:
+        """The whole way, where it is known (n, 3); else what has been seen of it."""
+        if trail is None:
+            self.show(view, time)
+        else:
+            self._draw(view, trail)
+
     def show(self, view: ItemView, time: float) -> None:
         self._way = [(t, point) for t, point in self._way if t < time]
         if view.vector is not None:
             self._way.append((time, view.vector))
         if len(self._way) > MOST_PATH_POINTS:
             self._way = self._way[::2]
-        visible = view.visible and len(self._way) > 1
+        self._draw(view, np.array([point for _, point in self._way]))
+
+    def _draw(self, view: ItemView, way: NDArray[np.float64]) -> None:
+        visible = view.visible and len(way) > 1
         self._line.visible = visible
         end = view.vector or (0.0, 0.0, 0.0)
         self._mark(view.model_copy(update={"visible": visible}), end, self._paint)
         if visible:
-            points = np.array([point for _, point in self._way], np.float32)
+            points = way.astype(np.float32)
             self._line.points = np.stack([points[:-1], points[1:]], axis=1)
 
     def _paint(self, colour: Colour) -> None:
         self._line.colors = np.array(colour, np.uint8)
+
+
+class _Ball(_Labelled):
+    """A see-through ball around the origin, as large as its vector is long."""
+
+    def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
+        super().__init__(scene, name, item, colour)
+        self._ball = scene.add_icosphere(
+            name, radius=1.0, color=colour, opacity=0.1, subdivisions=3, side="double", cast_shadow=False,
+            receive_shadow=False, visible=False,
+        )  # fmt: skip
+
+    def show(self, view: ItemView, time: float) -> None:
+        radius = math.hypot(*(view.vector or (0.0, 0.0, 0.0)))
+        self._ball.visible = view.visible and radius > 0.0
+        if self._ball.visible:
+            self._ball.scale = radius
+        self._mark(view, (0.0, 0.0, radius), self._paint)
+
+    def _paint(self, colour: Colour) -> None:
+        self._ball.color = colour
 
 
 _DRAW: dict[str, Callable[[Any, str, SceneItem, Colour], Drawn]] = {
@@ -289,6 +365,7 @@ _DRAW: dict[str, Callable[[Any, str, SceneItem, Colour], Drawn]] = {
     "line-of-sight": _LineOfSight,
     "aircraft": _Aircraft,
     "path": _Path,
+    "ball": _Ball,
 }
 
 

@@ -12,18 +12,22 @@ import hmac
 import logging
 import secrets
 
+import numpy as np
 import rich
 import viser
 from viser import _messages as viser_messages
 from viser import infra
 
+from ftcore import Simulation
 from ftcore.description import View
 from server.experiments import Experiment
 from server.problems import Refused
-from server.scene import Scene
+from server.scene import Scene, Trails
 
 INTERVAL = 0.1
 """Least time between two updates of a scene [s]."""
+TRAIL_POINTS = 600
+"""About how many points of a path are drawn."""
 SECRET_HEADER = "x-ftlab-scene"
 _log = logging.getLogger("ftlab")
 
@@ -40,7 +44,7 @@ class LiveScene:
         self._server: viser.ViserServer | None = None
         self._scene: Scene | None = None
         self._task: asyncio.Task[None] | None = None
-        self._shown: tuple[int, float | None] | None = None
+        self._shown: tuple[int, float | None, str] | None = None
 
     async def open(self) -> None:
         """Start the viser server and draw the newest epoch."""
@@ -90,19 +94,30 @@ class LiveScene:
             await asyncio.sleep(INTERVAL)
 
     async def _draw(self) -> None:
-        cursor = self.experiment.cursor
-        wanted = (self.experiment.version if cursor is None else -1, cursor)
+        cursor, picture = self.experiment.cursor, self.experiment.picture
+        wanted = (self.experiment.version if cursor is None else -1, cursor, picture)
         if wanted == self._shown:
             return
-        view = await self._view_at(cursor)
+        view, trails = await self._view_at(cursor, picture)
         assert self._scene is not None
-        await asyncio.to_thread(self._scene.show, view)
+        await asyncio.to_thread(self._scene.show, view, picture, trails)
         self._shown = wanted
 
-    async def _view_at(self, cursor: float | None) -> View:
-        if cursor is None:
-            return await self.experiment.view()
-        return await self.experiment.read(lambda simulation: simulation.view(min(cursor, simulation.now)))
+    async def _view_at(self, cursor: float | None, picture: str) -> tuple[View, Trails]:
+        """What is to be seen, and the ways up to there of the points that have one."""
+        trailed = [i for i in self.experiment.description.scene if i.picture == picture and i.trail is not None]
+
+        def look(simulation: Simulation, view: View | None) -> tuple[View, Trails]:
+            now = simulation.now if cursor is None else min(cursor, simulation.now)
+            trails: Trails = {}
+            for item in trailed:
+                assert item.trail is not None
+                _, columns = simulation.columns(list(item.trail), end=now, points=TRAIL_POINTS)
+                trails[item.id] = np.stack([columns[name] for name in item.trail], axis=-1) / item.unit_length
+            return view or simulation.view(now), trails
+
+        view = await self.experiment.view() if cursor is None else None
+        return await self.experiment.read(lambda simulation: look(simulation, view))
 
 
 class Scenes:

@@ -1,5 +1,6 @@
 /** The 3-D scene: a frame of this origin, with the legend beside it. */
 import { Panel, fill, h } from '../dom.js';
+import { moveScene } from '../api.js';
 import { loadPlotly } from '../charts.js';
 import { govern } from '../governor.js';
 import { store } from '../store.js';
@@ -16,23 +17,50 @@ export class Scene extends Panel {
   #paced = null;
   /** @type {string | null} */
   #wanted = null;
+  /** Which of the system's pictures is shown. */
+  #picture = '';
   #shown = sessionStorage.getItem('scene') !== 'off';
 
   build() {
+    this.pictures = h('div', { class: 'pictures', role: 'group', 'aria-label': 'Pictures of the scene' });
     this.frame = h('iframe', { title: '3-D scene: axes, planes and lines of sight', hidden: true });
     this.status = h('p', { class: 'status' }, 'Loading the scene …');
     this.legend = h('div', { class: 'legend', role: 'note', 'aria-label': 'Legend of the scene' });
     this.toggle = h('button', { class: 'mini', 'aria-pressed': 'true', onclick: () => this.#flip() }, 'hide');
-    this.append(h('h2', {}, 'Scene', this.toggle), h('div', { class: 'stage' }, this.status, this.frame), this.legend);
+    this.append(h('h2', {}, 'Scene', this.toggle), h('div', { class: 'stage' }, this.status, this.frame, this.pictures), this.legend);
     this.frame.addEventListener('load', () => this.#loaded());
     this.watch((s) => [s.experiment?.id, s.theme, s.connection === 'open'], () => this.#load());
     this.watch((s) => s.description, (description) => {
-      const families = [...new Set((description?.scene ?? []).map((item) => item.family))];
-      fill(this.legend ?? this, ...families.map((family, i) => h('span', {}, h('i', { class: `swatch family-${i % 6}` }), family)),
-        families.length > 0 && h('span', {}, h('i', { class: 'swatch faulted' }), 'faulted'),
-        families.length > 0 && h('span', {}, h('i', { class: 'swatch isolated' }), 'isolated'));
+      this.#picture = (description && sessionStorage.getItem(`picture/${description.id}`)) ?? '';
       this.hidden = !!description && !description.scene.length;
+      this.#describe();
     });
+    this.watch((s) => [s.experiment?.id, s.connection === 'open'], () => {
+      if (store.get().connection === 'open' && this.#picture) this.#show(this.#picture);
+    });
+  }
+
+  /** Pictures to choose from, and the legend of the one that is shown. */
+  #describe() {
+    const items = store.get().description?.scene ?? [];
+    const all = [...new Set(items.map((item) => item.picture))];
+    if (!all.includes(this.#picture)) this.#picture = all[0] ?? '';
+    fill(this.pictures ?? this, ...(all.length > 1 ? all : []).map((picture) =>
+      h('button', { class: 'mini', 'aria-pressed': String(picture === this.#picture), onclick: () => this.#show(picture) }, picture)));
+    const families = [...new Set(items.map((item) => item.family))];
+    const shown = new Set(items.filter((item) => item.picture === this.#picture).map((item) => item.family));
+    fill(this.legend ?? this, ...families.map((family, i) => shown.has(family) && h('span', {}, h('i', { class: `swatch family-${i % 6}` }), family)),
+      families.length > 0 && h('span', {}, h('i', { class: 'swatch faulted' }), 'faulted'),
+      families.length > 0 && h('span', {}, h('i', { class: 'swatch isolated' }), 'isolated'));
+  }
+
+  /** @param {string} picture */
+  #show(picture) {
+    const { description, experiment, cursor } = store.get();
+    this.#picture = picture;
+    if (description) sessionStorage.setItem(`picture/${description.id}`, picture);
+    if (experiment && new Set(description?.scene.map((item) => item.picture)).size > 1) void moveScene(experiment.id, cursor, picture).catch(() => undefined);
+    this.#describe();
   }
 
   #flip() {

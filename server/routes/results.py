@@ -127,8 +127,8 @@ async def get_view(query: Annotated[ViewQuery, Query()], experiment: Live) -> Vi
     responses=documented(400, 404, 409, 413, 415, 422),
 )
 async def set_cursor(body: Cursor, experiment: Live) -> Cursor:
-    """The scene shows this moment until it is given another; null: live."""
-    await experiment.show(body.time)
+    """The scene shows this moment and this picture until it is given others; time null: live."""
+    await experiment.show(body.time, body.picture)
     return body
 
 

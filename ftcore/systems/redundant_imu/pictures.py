@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ftcore.description import Block, SceneItem, Wire
-from ftcore.systems.redundant_imu.names import AIR, AXES, FLOWN, FLOWN_LABELS, GYRO
+from ftcore.systems.redundant_imu.names import AIR, AXES, FLOWN_LABELS, GYRO
 
 
 def blocks() -> list[Block]:
@@ -48,21 +48,77 @@ def wires() -> list[Wire]:
     return [Wire(source=a, target=b, carries=c) for a, b, c in pairs]
 
 
+INSTRUMENTS, PARITY, PATHS = "Gyros", "Parity space", "Flight paths"
+"""Pictures of the scene: three spaces that have nothing but the colours in common."""
+KILOMETRE = 1000.0
+"""Metres to a unit of the scene, for flight paths."""
+
+
 def scene() -> list[SceneItem]:
-    """What the scene shows: axes at their mounting angles, parity space, three flight paths (one unit is 1 km)."""
-    items = [SceneItem(id="aircraft", label="aircraft", kind="aircraft", frame="level", family="aircraft")]
-    for axis in AXES:
-        items.append(
-            SceneItem(id=f"axis.{axis}", label=axis, kind="axis", family=f"gyro {axis[0]}", channel=f"{GYRO}.{axis}")
+    """What the scene shows: axes at their mounting angles; parity space with its planes; three flight paths.
+
+    A family's colour follows from its place among all: gyros and paths have those of their lines in the charts.
+    """
+    items = [
+        SceneItem(
+            id=f"axis.{axis}",
+            label=axis,
+            kind="axis",
+            picture=INSTRUMENTS,
+            family=f"gyro {axis[0]}",
+            channel=f"{GYRO}.{axis}",
         )
+        for axis in AXES
+    ]
     for k in (1, 2, 3):
-        items.append(SceneItem(id=f"spin.{k}", label=f"spin {k}", kind="spin", family=f"gyro {k}"))
-        items.append(SceneItem(id=f"plane.{k}", label=f"fault plane {k}", kind="plane", family=f"gyro {k}"))
+        items.append(SceneItem(id=f"spin.{k}", label=f"spin {k}", kind="spin", picture=INSTRUMENTS, family=f"gyro {k}"))
+        items.append(
+            SceneItem(
+                id=f"plane.{k}",
+                label=f"fault plane {k}",
+                kind="plane",
+                frame="own",
+                picture=PARITY,
+                family=f"gyro {k}",
+            )
+        )
+    items.append(
+        SceneItem(
+            id="parity", label="parity vector", kind="vector", frame="own", picture=PARITY, family="parity vector"
+        )
+    )
     for pair in ("12", "13", "23"):
-        label = f"singular {pair[0]}-{pair[1]}"
-        items.append(SceneItem(id=f"singular.{pair}", label=label, kind="spin", family="singular directions"))
-    items.append(SceneItem(id="parity", label="parity vector", kind="vector", family="parity vector"))
-    for name in FLOWN:
-        label = f"path {FLOWN_LABELS[name]}"
-        items.append(SceneItem(id=f"path.{name}", label=label, kind="path", frame="level", family=f"path {name}"))
+        items.append(
+            SceneItem(
+                id=f"singular.{pair}",
+                label=f"{pair[0]} or {pair[1]}",
+                kind="spin",
+                frame="own",
+                picture=PARITY,
+                family="singular directions",
+            )
+        )
+    items.append(
+        SceneItem(
+            id="aircraft", label="aircraft", kind="aircraft", frame="level", picture=INSTRUMENTS, family="aircraft"
+        )
+    )
+    for name in ("protected", "healthy", "unprotected"):
+        items.append(
+            SceneItem(
+                id=f"path.{name}",
+                label=FLOWN_LABELS[name],
+                kind="path",
+                frame="level",
+                picture=PATHS,
+                family=FLOWN_LABELS[name],
+                trail=(f"path.{name}.east", f"path.{name}.north", f"path.{name}.up"),
+                unit_length=KILOMETRE,
+            )
+        )
+    items.append(
+        SceneItem(
+            id="threshold", label="threshold", kind="ball", frame="own", picture=PARITY, family="detection threshold"
+        )
+    )
     return items

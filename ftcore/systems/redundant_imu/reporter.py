@@ -24,13 +24,11 @@ from ftcore.systems.redundant_imu.names import (
     SUBJECTS,
     TESTS,
 )
+from ftcore.systems.redundant_imu.pictures import KILOMETRE
 from ftcore.systems.redundant_imu.plant import RATES, Truth
 from ftcore.world.aircraft import S
 
 Array = NDArray[np.float64]
-
-KILOMETRE = 1000.0
-"""Metres to a unit of the scene, for flight paths."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +200,7 @@ class Reporter:
             items[f"axis.{axis}"] = ItemView(vector=_vector(self._axes[i]), health=state)
         for k in range(INSTRUMENTS):
             items[f"spin.{k + 1}"] = ItemView(vector=_vector(0.8 * self._spin[k]))
-            items[f"plane.{k + 1}"] = ItemView(vector=_vector(self._normals[k]))
+            items[f"plane.{k + 1}"] = ItemView(vector=_vector(self._normals[k]), health=self._plane(k, output, health))
         for name, line in zip(("12", "13", "23"), self._lines, strict=True):
             items[f"singular.{name}"] = ItemView(
                 vector=None if line is None else _vector(0.7 * line), visible=line is not None
@@ -211,11 +209,13 @@ class Reporter:
         if output is not None:
             p = output.detail.p[0]
             ratio = math.sqrt(output.statistic[0, 0] / max(float(output.threshold[0, 0]), 1e-30))
-            parity_vector = _vector(p / max(float(np.linalg.norm(p)), 1e-30) * min(ratio, 2.0))
+            parity_vector = _vector(p / max(float(np.linalg.norm(p)), 1e-30) * min(ratio, 1.6))
             detected = bool(output.alarm[0, 0])
         items["parity"] = ItemView(
             vector=parity_vector, health="suspect" if detected else "ok", visible=output is not None
         )
+        # The parity vector is drawn in units of its threshold: detection is leaving this ball.
+        items["threshold"] = ItemView(vector=(0.0, 0.0, 1.0))
         for a, name in enumerate(FLOWN):
             point = None
             if truth is not None:
@@ -226,6 +226,13 @@ class Reporter:
             turned = _quaternion(rpy_to_matrix(truth.x[0, PROTECTED, S.ROLL : S.HEADING + 1]))
         items["aircraft"] = ItemView(rotation=turned)
         return items
+
+    def _plane(self, k: int, output: Output | None, health: dict[str, Health]) -> Health:
+        """A fault plane is marked while the angle test declares its gyro, and where the gyro is out."""
+        if health[SUBJECTS[k]] in ("isolated", "off"):
+            return health[SUBJECTS[k]]
+        declared = output is not None and output.alarm[0, TESTS.index(("isolation-angle", SUBJECTS[k]))]
+        return "suspect" if declared else "ok"
 
     def _flying(self, truth: Truth) -> str:
         x = truth.x[0, PROTECTED]

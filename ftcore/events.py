@@ -110,7 +110,7 @@ def edges(
     for notice in output.notices:
         for run in np.flatnonzero(notice.where).tolist():
             numbers = {
-                name: value if isinstance(value, str) else float(np.broadcast_to(value, notice.where.shape)[run])
+                name: value if isinstance(value, str) else _number(np.broadcast_to(value, notice.where.shape)[run])
                 for name, value in notice.numbers.items()
             }
             yield run, notice.kind, notice.subject, numbers

@@ -72,6 +72,7 @@ def charts() -> list[Chart]:
     for test in AID_TESTS:
         for subject in AIDS:
             found.append(_test_chart(test, subject, shown=(test, subject) in {("residual", "gps"), ("state", "gps")}))
+    found.append(_test_chart("integrity", "gps"))
     for test in IMU_TESTS:
         for cluster in CLUSTERS:
             found.append(_test_chart(test, f"imu.{cluster}", shown=(test, cluster) == ("parity", "accelerometer")))
@@ -144,11 +145,12 @@ def charts() -> list[Chart]:
     found.append(
         Chart(
             id="geometry",
-            title="Satellites in use, and HDOP",
+            title="Satellites in use and left out, and HDOP",
             unit="1",
             group="outputs",
             traces=(
                 Trace(signal="gps.satellites", label="satellites in use"),
+                Trace(signal="gps.excluded", label="satellites left out"),
                 Trace(signal="gps.hdop", label="HDOP"),
             ),
         )

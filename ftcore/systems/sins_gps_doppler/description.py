@@ -97,6 +97,16 @@ def _tests() -> list[Test]:
                 source=source,
             )
         )
+    found.append(
+        Test(
+            name="integrity",
+            label=TEST_LABELS["integrity"],
+            subjects=("gps",),
+            dof="ranges minus unknowns, and rates minus as many; none while it is off",
+            source="003; Brown 1992",
+            may_drive=False,
+        )
+    )
     return found
 
 
@@ -143,6 +153,7 @@ def _signals() -> list[Signal]:
         )
     found += [
         Signal(name="gps.satellites", label="satellites in use", unit="1", group="geometry"),
+        Signal(name="gps.excluded", label="satellites left out", unit="1", group="geometry"),
         Signal(name="gps.hdop", label="HDOP", unit="1", group="geometry"),
         Signal(name="truth.height", label="true height", unit="m", group="flight"),
         Signal(name="truth.speed", label="true ground speed", unit="m/s", group="flight"),

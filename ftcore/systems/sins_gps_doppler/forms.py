@@ -118,11 +118,25 @@ class Settings(Supervised):
         description="1/r of the SINS/GPS filter; the Doppler filter has the rest (28)",
         json_schema_extra={"unit": "1"},
     )
+    satellite_integrity: Literal["off", "snapshot", "innovation"] = Field(
+        default="off",
+        title="Satellite integrity",
+        description="a wrong satellite is left out before the GPS measurement is used: satellites against each other "
+        "(snapshot), or against the strapdown too (innovation). off is the paper's",
+    )
+    wrong_isolation_probability: float = Field(
+        default=1e-3,
+        ge=1e-12,
+        le=1.0,
+        title="Wrong isolation",
+        description="how sure satellite integrity must be of the culprit against every other satellite",
+        json_schema_extra={"unit": "1"},
+    )
     propagator_period: int = Field(
         default=30,
         ge=2,
         le=600,
         title="Propagator period",
-        description="seconds between resets of the two propagators",
+        description="seconds between resets of the two propagators; longer while anybody is suspected",
         json_schema_extra={"unit": "s"},
     )

@@ -21,6 +21,7 @@ SUBJECTS = (
     "gps",
     "doppler",
     *(f"imu.{cluster}.{k}" for cluster in CLUSTERS for k in (1, 2, 3)),
+    *(f"gps.{slot}" for slot in SLOTS),
 )
 ERRORS = {
     "position": ("m", ("east", "north", "up")),
@@ -35,6 +36,7 @@ TEST_LABELS = {
     "cusum": "CUSUM",
     "parity": "parity test",
     "glt": "GLT",
+    "integrity": "satellite integrity test",
 }
 ROLES = {"fused": "protected", "gps": "local", "doppler": "local", "unprotected": "unprotected"}
 
@@ -54,7 +56,7 @@ def imu_tests() -> list[tuple[str, str]]:
     ]
 
 
-TESTS = (*aid_tests(), *imu_tests())
+TESTS = (*aid_tests(), *imu_tests(), ("integrity", "gps"))
 
 
 def subject_label(subject: str) -> str:
@@ -62,4 +64,6 @@ def subject_label(subject: str) -> str:
     if subject in AIDS:
         return f"SINS/{AIDS[subject]}"
     words = subject.split(".")
+    if words[0] == "gps":
+        return f"satellite {words[1]}"
     return words[1] + ("s" if len(words) == 2 else f" {words[2]}")

@@ -1,9 +1,10 @@
 """Estimation and detection of the SINS/GPS/Doppler system: sees readings only.
 
 One epoch, in the order of the code: the redundant IMU is checked and solved; two strapdowns fly on, the protected one
-with the trusted instruments and the unprotected one with all; a bank of filters is carried over; the tests compare
-measurements with predictions; the supervisor decides; the local filters take the trusted measurements and the master
-fuses them. Feed-forward: the strapdowns run free, the filters estimate their errors.
+with the trusted instruments and the unprotected one with all; a bank of filters is carried over; wrong satellites are
+left out, if that is asked for; the tests compare measurements with predictions; the supervisor decides; the local
+filters take the trusted measurements and the master fuses them. Feed-forward: the strapdowns run free, the filters
+estimate their errors.
 """
 
 from __future__ import annotations
@@ -22,13 +23,15 @@ from ftcore.estimation.federated import Estimate, Sharing
 from ftcore.estimation.strapdown import InsState, damp_vertical, damping_gains, propagate
 from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Flags, Notice, Output
-from ftcore.systems.sins_gps_doppler import bank, measurements
+from ftcore.systems.sins_gps_doppler import aids, bank, satellites
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult, AidTests, AidTestState
+from ftcore.systems.sins_gps_doppler.aids import Aid
 from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, LOCAL, NEWER, PRIOR, REFERENCE, Filters
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
 from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, EPOCH, SLOTS
 from ftcore.systems.sins_gps_doppler.reporter import Detail
+from ftcore.systems.sins_gps_doppler.satellites import SatelliteState
 
 Array = NDArray[np.float64]
 SUBJECTS = tuple(AIDS)
@@ -47,27 +50,12 @@ class NavigatorState:
     ins: InsState
     filters: Filters
     imu: ImuState
+    satellites: SatelliteState
     tests: AidTestState
     supervisor: supervisor.State
     members: Flags
     sharing: Sharing
     sound: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Aid:
-    """One aiding sensor at one epoch: y ``(runs, 2, m)`` and H ``(runs, 2, m, 21)`` against both strapdowns."""
-
-    y: Array
-    H: Array
-    R: Array
-    valid: Flags
-    columns: NDArray[np.int64]
-
-    def of(self, filters: list[int]) -> tuple[Array, Array, Array, Flags]:
-        """y, H, R, valid for some filters of the bank."""
-        ins = bank.INS_OF_FILTER[filters]
-        return self.y[:, ins], self.H[:, ins], self.R, self.valid[:, None]
 
 
 class Navigator:
@@ -110,6 +98,7 @@ class Navigator:
             ins=twice,
             filters=bank.start(self._runs, self._P0, sharing),
             imu=self._imu.initial(self._runs),
+            satellites=satellites.start(self._runs),
             tests=self._tests.initial(),
             supervisor=supervisor.start(self._runs, len(SUBJECTS)),
             members=np.ones((1, len(SUBJECTS)), bool),
@@ -134,8 +123,10 @@ class Navigator:
         filters = bank.predict(filters, Phi, Q, sharing, state.members)
         filters = _bias_jump(filters, imu, federated.noise_factors(sharing, state.members))
 
-        gps, lines = self._gps(ins, readings, controls.enabled["gps"])
-        doppler = self._doppler(ins, readings, controls.enabled["doppler"])
+        received, lines = aids.gps(self._p.aiding, ins, readings, runs, controls.enabled["gps"])
+        satellite_state, integrity = satellites.step(state.satellites, received, filters, settings, rules)
+        gps = integrity.gps
+        doppler = aids.doppler(self._p.aiding, ins, readings, runs, controls.enabled["doppler"])
         x, P = filters.x.copy(), filters.P.copy()
         references = [FUSED, REFERENCE]
         updates, locals_, predictions = [], [], []
@@ -162,10 +153,11 @@ class Navigator:
         if settings.driving_test != "none":
             driving = tests.alarm.reshape(runs, len(AID_TESTS), 2)[:, AID_TESTS.index(settings.driving_test)]
         enabled = np.array([[controls.enabled["gps"], controls.enabled["doppler"]]])
-        has_reading = np.stack([u.dof[:, 0] > 0 for u in updates], axis=-1)
+        has_reading = np.stack([np.broadcast_to(u.dof[:, 0] > 0, (runs,)) for u in updates], axis=-1)
         admission = np.stack([p.statistic[:, 0] for p in predictions], axis=-1)
         limit = chi_square.threshold(
-            settings.false_alarm_probability, np.stack([p.dof[:, 0] for p in predictions], axis=-1)
+            settings.false_alarm_probability,
+            np.stack([np.broadcast_to(p.dof[:, 0], (runs,)) for p in predictions], axis=-1),
         )
         supervision, decision = supervisor.step(
             state.supervisor, driving, (admission <= limit) & has_reading, enabled, rules
@@ -199,20 +191,25 @@ class Navigator:
         if back.any():
             tests_state = self._tests.reset(tests_state, back)
 
-        after = NavigatorState(ins, filters, imu_state, tests_state, supervision, decision.members, sharing, sound)
+        after = NavigatorState(
+            ins, filters, imu_state, satellite_state, tests_state, supervision, decision.members, sharing, sound
+        )
         detail = self._detail(readings, ins, filters, fused, imu, gps, doppler, lines)
-        health = np.concatenate([decision.health, imu.decision.health], axis=-1).astype(np.int8)
-        both_used = np.concatenate([used & has_reading, imu.used.reshape(runs, -1)], axis=-1)
-        dof = np.concatenate([tests.dof, imu.dof], axis=-1)
+        feeding = used & has_reading
+        by_part = (tests, imu, integrity)  # in the order of the description's tests
+        statistic, threshold, dof, alarm = (
+            np.concatenate([np.reshape(getattr(part, field), (runs, -1)) for part in by_part], axis=-1)
+            for field in ("statistic", "threshold", "dof", "alarm")
+        )
         judged = dof > 0  # a test without a reading has no statistic: a gap, not a zero
         output = Output(
-            statistic=np.where(judged, np.concatenate([tests.statistic, imu.statistic], axis=-1), np.nan),
-            threshold=np.where(judged, np.concatenate([tests.threshold, imu.threshold], axis=-1), np.nan),
+            statistic=np.where(judged, statistic, np.nan),
+            threshold=np.where(judged, threshold, np.nan),
             dof=dof,
-            alarm=np.concatenate([tests.alarm, imu.alarm], axis=-1),
-            health=health,
-            used=both_used,
-            notices=_notices(decision, imu, tests),
+            alarm=alarm,
+            health=np.concatenate([decision.health, imu.decision.health, integrity.health], axis=-1).astype(np.int8),
+            used=np.concatenate([feeding, imu.used.reshape(runs, -1), integrity.used & feeding[:, :1]], axis=-1),
+            notices=[*integrity.notices, *_notices(decision, imu, tests)],
             detail=detail,
         )
         return after, output
@@ -249,43 +246,6 @@ class Navigator:
         ins = damp_vertical(ins, height, EPOCH, k1, k2)
         return ins, Phi.reshape(shape), Q.reshape(shape)
 
-    def _gps(self, ins: InsState, readings: Readings, enabled: bool) -> tuple[Aid, Array]:
-        """GPS rows for the satellites that any run has, and the lines of sight of run 0."""
-        a, runs = self._p.aiding, self._runs
-        ranges, rates = readings["gps.pseudorange"], readings["gps.delta_range"]
-        seen = np.flatnonzero((ranges.valid | rates.valid).any(axis=0))
-        columns = seen if len(seen) else np.array([0])
-        satellites, velocities = readings.aiding["satellites"][columns], readings.aiding["velocities"][columns]
-        y_range, y_rate = (np.repeat(np.nan_to_num(g.values[:, columns]), 2, axis=0) for g in (ranges, rates))
-        measurement, geometry = measurements.gps(ins, satellites, velocities, y_range, y_rate)
-        valid = np.concatenate([ranges.valid[:, columns], rates.valid[:, columns]], axis=-1) & enabled
-        m = 2 * len(columns)
-        R = np.repeat([a.pseudorange**2, a.delta_range**2], len(columns))
-        aid = Aid(
-            measurement.y.reshape(runs, 2, m),
-            measurement.H.reshape(runs, 2, m, -1),
-            R[None, None],
-            valid,
-            np.concatenate([columns, columns + len(SLOTS)]),
-        )
-        lines = np.full((len(SLOTS), 3), np.nan)
-        usable = ranges.valid[0, columns] | rates.valid[0, columns]
-        lines[columns[usable]] = geometry.e_n[0][usable]
-        return aid, lines
-
-    def _doppler(self, ins: InsState, readings: Readings, enabled: bool) -> Aid:
-        """Doppler rows, body axes."""
-        group, runs = readings["doppler.velocity"], self._runs
-        measurement = measurements.doppler(ins, np.repeat(np.nan_to_num(group.values), 2, axis=0))
-        R = np.full((1, 1, 3), self._p.aiding.doppler**2)
-        return Aid(
-            measurement.y.reshape(runs, 2, 3),
-            measurement.H.reshape(runs, 2, 3, -1),
-            R,
-            group.valid & enabled,
-            np.arange(3),
-        )
-
     def _detail(
         self,
         readings: Readings,
@@ -300,12 +260,11 @@ class Navigator:
         runs = self._runs
         shown = [FUSED, *ALONE, CENTRAL]
         two = InsState(ins.lla.reshape(runs, 2, 3), ins.v_n.reshape(runs, 2, 3), ins.C_nb.reshape(runs, 2, 3, 3))
-        satellites = len(gps.columns) // 2
-        valid = gps.valid[:, :satellites]
-        in_use = np.broadcast_to(valid.sum(axis=-1).astype(float), (runs,))
+        n = len(gps.columns) // 2
+        there, taken = gps.present[:, :n], gps.valid[:, :n]
         discrepancy = np.full((runs, len(SLOTS)), np.nan)
-        residual = gps.y[:, 0, :satellites] - np.matvec(gps.H[:, 0, :satellites], fused.x)
-        discrepancy[:, gps.columns[:satellites]] = np.where(valid, residual, np.nan)
+        residual = gps.y[:, 0, :n] - np.matvec(gps.H[:, 0, :n], fused.x)
+        discrepancy[:, gps.columns[:n]] = np.where(there, residual, np.nan)
         group = readings["doppler.velocity"]
         output, _ = federated.failed_output(fused, doppler.H[:, 0])
         indicated = doppler.y[:, 0] + np.nan_to_num(group.values)
@@ -318,8 +277,9 @@ class Navigator:
             doppler=np.stack([reading, indicated - output], axis=1),
             discrepancy=discrepancy,
             lines=lines,
-            in_use=in_use,
-            hdop=_hdop(gps.H[:, 0, :satellites, :3], valid),
+            in_use=np.broadcast_to(taken.sum(axis=-1).astype(float), (runs,)),
+            excluded=np.broadcast_to((there & ~taken).sum(axis=-1).astype(float), (runs,)),
+            hdop=aids.hdop(gps),
         )
 
 
@@ -408,12 +368,3 @@ def _channel(subject: str, column: int) -> tuple[str, str]:
     if subject == "gps":
         return SLOTS[column % len(SLOTS)], "m" if column < len(SLOTS) else "m/s"
     return "xyz"[column], "m/s"
-
-
-def _hdop(e_n: Array, usable: Flags) -> Array:
-    """Horizontal dilution of precision ``(runs,)`` of lines of sight ``(runs, s, 3)``; NaN where it has no fix."""
-    G = np.concatenate([e_n, np.ones_like(e_n[..., :1])], axis=-1) * usable[..., None]
-    normal = G.swapaxes(-1, -2) @ G
-    solvable = np.linalg.det(normal) > 1e-9
-    cofactor = np.linalg.inv(np.where(solvable[:, None, None], normal, np.eye(4)))
-    return np.where(solvable, np.sqrt(np.abs(cofactor[:, 0, 0] + cofactor[:, 1, 1])), np.nan)

@@ -10,7 +10,10 @@ def blocks() -> list[Block]:
     """The blocks and where they stand."""
     drives = ("driving_test", "false_alarm_probability", "propagator_period")
     return [
-        Block(id="gps", label="GPS", kind="sensor", x=1, y=2, width=22, height=11, sensor="gps", subsystem="gps"),
+        Block(
+            id="gps", label="GPS", kind="sensor", x=1, y=2, width=22, height=11, sensor="gps", subsystem="gps",
+            settings=("satellite_integrity", "wrong_isolation_probability"),
+        ),
         Block(id="gyro", label="Gyros", kind="sensor", x=1, y=16, width=22, height=11, sensor="imu.gyro"),
         Block(
             id="accelerometer", label="Accels", kind="sensor", x=1, y=29, width=22, height=11,

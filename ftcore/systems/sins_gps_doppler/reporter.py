@@ -45,7 +45,7 @@ class Detail:
         doppler: reading and estimated output ``(runs, 2, 3)`` [m/s].
         discrepancy: ``(runs, satellites)`` pseudorange minus its estimated output [m], NaN where there is none.
         lines: ``(satellites, 3)`` lines of sight of run 0, NaN where not visible.
-        in_use: ``(runs,)`` satellites in use.
+        in_use, excluded: ``(runs,)`` satellites in use, and those left out by satellite integrity.
         hdop: ``(runs,)``.
         names: texts of the tests for the diagram.
     """
@@ -58,6 +58,7 @@ class Detail:
     discrepancy: Array
     lines: Array
     in_use: Array
+    excluded: Array
     hdop: Array
 
 
@@ -96,6 +97,7 @@ class Reporter:
                 outputs,
                 detail.discrepancy,
                 detail.in_use[:, None],
+                detail.excluded[:, None],
                 detail.hdop[:, None],
                 np.broadcast_to(flight, (runs, len(flight))),
             ],
@@ -146,6 +148,8 @@ class Reporter:
             return BlockView(health=health[name], text=texts[health[name]])
 
         satellites = "waiting" if detail is None else f"{int(detail.in_use[0])} satellites"
+        if detail is not None and detail.excluded[0]:
+            satellites += f", {int(detail.excluded[0])} out"
         imu_alarms = sorted({a.split(" ")[1] for a in alarms if "imu." in a and a.count(".") == 2})
         aid_alarms = [a for a in alarms if "imu." not in a]
         isolated = [s for s in SUBJECTS if health[s] == "isolated"]
@@ -221,7 +225,9 @@ class Reporter:
             line = None if detail is None else detail.lines[i]
             seen = line is not None and bool(np.isfinite(line[0]))
             broken = everything or any(f"gps.{q}.{slot}" in faulted for q in ("pseudorange", "delta_range"))
-            fate: Health = "faulted" if broken else "isolated" if health["gps"] in ("isolated", "off") else "ok"
+            whole, fate = health["gps"], health[f"gps.{slot}"]
+            if fate != "isolated":
+                fate = "faulted" if broken else "isolated" if whole in ("isolated", "off") else fate
             items[f"satellite.{slot}"] = ItemView(
                 vector=_vector(1.5 * line) if seen and line is not None else None, health=fate, visible=seen
             )

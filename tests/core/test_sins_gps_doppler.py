@@ -1,0 +1,153 @@
+"""The SINS/GPS/Doppler system: what its settings do, on single flights."""
+
+import numpy as np
+import pytest
+
+from ftcore import Fault, Scenario, Simulation
+from ftcore.detection import supervisor
+from ftcore.estimation import least_squares
+from ftcore.systems.sins_gps_doppler import satellites
+from ftcore.systems.sins_gps_doppler.aids import Aid
+from ftcore.systems.sins_gps_doppler.bank import SIZE, Filters
+from ftcore.systems.sins_gps_doppler.forms import Settings
+from ftcore.systems.sins_gps_doppler.names import SLOTS
+
+CALM = Scenario.load("zhang-1992").model_copy(update={"faults": ()})
+RULES = supervisor.Rules(2, 3, 1, 5)
+
+
+def integrity(mode, **settings):
+    return CALM.model_copy(update={"settings": {"satellite_integrity": mode} | settings})
+
+
+def kinds(sim, subject):
+    return [e.kind for e in sim.events if e.subject == subject]
+
+
+# ---- satellite-level integrity
+
+
+def received(rng, runs=20, n=7, turning=2e-4):
+    """Ranges and rates of n satellites, whose lines of sight turn with the position error, and a bank of filters."""
+    e = rng.normal(size=(n, 3))
+    e[:, 2] = np.abs(e[:, 2]) + 0.3
+    e /= np.linalg.norm(e, axis=1, keepdims=True)
+    H = np.zeros((2 * n, 21))
+    H[:n, :3], H[:n, 19], H[n:, 3:6], H[n:, 20] = e, 1.0, e, 1.0
+    H[n:, :3] = turning * rng.normal(size=(n, 3))
+    R = np.repeat([100.0, 0.01], n)
+    state = np.zeros((runs, 21))
+    state[:, [0, 1, 2, 19]] = rng.normal(size=(runs, 4)) * [30.0, 30.0, 30.0, 800.0]
+    state[:, [3, 4, 5, 20]] = rng.normal(size=(runs, 4)) * [1.0, 1.0, 1.0, 10.0]
+    y = state @ H.T + rng.normal(size=(runs, 2 * n)) * np.sqrt(R)
+    valid = rng.random((runs, 2 * n)) > 0.1
+    columns = np.concatenate([np.arange(n), np.arange(n) + len(SLOTS)])
+    everything = np.broadcast_to(H, (runs, 2, 2 * n, 21))
+    aid = Aid(np.repeat(y[:, None], 2, axis=1), everything, R[None, None], valid, valid, columns)
+    P = np.zeros((runs, SIZE, 21, 21))
+    P[:] = np.diag([1.0] * 6 + [1e-6] * 13 + [1.0, 1.0])
+    return aid, Filters(np.zeros((runs, SIZE, 21)), P), state
+
+
+def test_given_everything_is_unknown_then_the_statistic_is_that_of_least_squares():
+    """Residuals of ranges and of rates, each with four unknowns. Infinite is 1e5 m: the clock, 800 m off, costs its
+    square over that, 1e-4, and more where satellites hardly tell it from height."""
+    aid, filters, _ = received(np.random.default_rng(3), turning=0.0)
+    n = len(aid.columns) // 2
+    _, epoch = satellites.step(satellites.start(20), aid, filters, Settings(satellite_integrity="snapshot"), RULES)
+    G = np.concatenate([aid.H[:, 0, :n, :3], np.ones((20, n, 1))], axis=-1)
+    ranges = least_squares.solve(G, aid.y[:, 0, :n], np.full((20, n), 10.0), aid.valid[:, :n])
+    rates = least_squares.solve(G, aid.y[:, 0, n:], np.full((20, n), 0.1), aid.valid[:, n:])
+    full = ranges.solved & rates.solved
+    assert full.sum() > 5
+    assert np.array_equal(epoch.dof[full], (ranges.dof + rates.dof)[full])
+    assert np.allclose(epoch.statistic[full], (ranges.statistic + rates.statistic)[full], rtol=1e-5, atol=2e-3)
+
+
+def test_given_a_wrong_satellite_then_both_of_its_rows_go_and_only_its():
+    aid, filters, state = received(np.random.default_rng(4))
+    filters.x[...] = state[:, None]  # the prediction is right, but for the clock, which counts for nothing
+    filters.x[..., 19:] = 0.0
+    aid.valid[...] = True
+    aid.y[:, :, 2] += 150.0
+    _, epoch = satellites.step(satellites.start(20), aid, filters, Settings(satellite_integrity="innovation"), RULES)
+    n = len(aid.columns) // 2
+    expected = np.ones(2 * n, bool)
+    expected[[2, n + 2]] = False
+    assert np.array_equal(epoch.gps.valid, np.broadcast_to(expected, (20, 2 * n)))
+    assert epoch.gps.present.all(), "what was read is not forgotten: the unprotected filter takes it"
+    assert not epoch.used[:, 2].any()
+
+
+def test_given_half_of_the_satellites_are_wrong_then_nobody_is_accused():
+    """Four of seven, each its own way: a majority is never left out, whatever would fit best."""
+    aid, filters, state = received(np.random.default_rng(5))
+    filters.x[...] = state[:, None]
+    aid.valid[...] = True
+    aid.y[:, :, :4] += np.array([400.0, -300.0, 900.0, -700.0])
+    _, epoch = satellites.step(satellites.start(20), aid, filters, Settings(satellite_integrity="innovation"), RULES)
+    assert epoch.alarm.all()
+    assert epoch.gps.valid.all()
+    assert [n.kind for n in epoch.notices] == ["integrity.cannot-isolate"]
+
+
+def test_given_too_few_satellites_to_tell_then_it_says_so_and_guesses_nobody():
+    """Five satellites, positions unknown: one degree of freedom for the ranges shows that one is off, but not who."""
+    sim = Simulation(integrity("snapshot", driving_test="none")).advance(until=40)
+    visible = [s for s in SLOTS if sim[f"used.gps.{s}"][-1, 0] > 0]
+    for slot in [s for s in visible if s != "C1"][:-4]:
+        for quantity in ("pseudorange", "delta_range"):
+            sim.inject(Fault(channel=f"gps.{quantity}.{slot}", kind="dropout"))
+    sim.inject(Fault(channel="gps.pseudorange.C1", kind="bias", magnitude=500.0))
+    sim.advance(epochs=5)
+    assert sim["gps.satellites"][-1, 0] == 5
+    assert "integrity.cannot-isolate" in kinds(sim, "gps")
+    assert not [e for e in sim.events if e.kind == "subsystem.isolated" and e.subject.startswith("gps.")]
+
+
+def test_given_the_same_five_satellites_then_the_strapdown_tells_who_it_is():
+    sim = Simulation(integrity("innovation", driving_test="none")).advance(until=70)
+    visible = [s for s in SLOTS if sim[f"used.gps.{s}"][-1, 0] > 0]
+    for slot in [s for s in visible if s != "C1"][:-4]:
+        for quantity in ("pseudorange", "delta_range"):
+            sim.inject(Fault(channel=f"gps.{quantity}.{slot}", kind="dropout"))
+    sim.inject(Fault(channel="gps.pseudorange.C1", kind="bias", magnitude=500.0))
+    sim.advance(epochs=5)
+    assert "subsystem.isolated" in kinds(sim, "gps.C1")
+    assert sim["gps.excluded"][-1, 0] == 1.0
+    assert sim["gps.satellites"][-1, 0] == 4.0
+
+
+def test_given_integrity_is_switched_off_in_flight_then_the_satellite_is_back_at_once_and_the_event_says_so():
+    sim = Simulation(integrity("innovation", driving_test="none")).advance(until=40)
+    sim.inject(Fault(channel="gps.pseudorange.C1", kind="bias", magnitude=200.0))
+    sim.advance(until=50)
+    assert sim.view().items["satellite.C1"].health == "isolated"
+    sim.configure(satellite_integrity="off")
+    sim.step()
+    assert sim["used.gps.C1"][-1, 0] == 1.0
+    assert kinds(sim, "gps.C1")[-1] == "subsystem.readmitted"
+    assert np.isnan(sim["test.integrity.gps.statistic"][-1, 0])
+
+
+@pytest.mark.parametrize("mode", ["snapshot", "innovation"])
+def test_given_integrity_leaves_a_satellite_out_then_the_unprotected_filter_does_not_profit(mode):
+    """To the last bit: it is what happens to somebody who knows of no integrity."""
+    fault = Fault(channel="gps.pseudorange.C1", kind="bias", magnitude=100.0, start=30.0)
+    flights = [
+        Simulation(integrity(m).model_copy(update={"faults": (fault,)}), runs=2).advance(until=50)
+        for m in (mode, "off")
+    ]
+    assert not np.array_equal(*(s["fused.error.position.up"] for s in flights))
+    assert np.array_equal(*(s["unprotected.error.position.up"] for s in flights))
+
+
+def test_given_gps_has_no_reading_for_a_while_then_integrity_waits_and_goes_on():
+    sim = Simulation(integrity("innovation")).advance(until=30)
+    for quantity in ("pseudorange", "delta_range"):
+        sim.inject(Fault(channel=f"gps.{quantity}.all", kind="dropout", end=50.0))
+    sim.advance(until=70)
+    gone = (sim.time > 31) & (sim.time < 50)
+    assert np.isnan(sim["test.integrity.gps.statistic"][gone]).all()
+    assert not [k for k in kinds(sim, "gps") if k.startswith("integrity")]
+    assert sim["used.gps"][-10:, 0].all()

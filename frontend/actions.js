@@ -198,6 +198,14 @@ export async function start(scenario, title) {
   store.set({ welcome: false });
 }
 
+/** Throws Problem: the form shows it at the field. @param {FormData} form two files, as the server wants them */
+export async function flyLog(form) {
+  const experiment = await send(commands.log(form));
+  if (store.get().ghost) ghost.dismiss();
+  await session.begin(experiment);
+  store.set({ welcome: true });
+}
+
 /** @param {string} experiment */
 export const open = (experiment) =>
   attempt(async () => {

@@ -35,14 +35,15 @@ export const callMade = new EventTarget();
 async function request(method, path, body, accept = 'application/json') {
   /** @type {Record<string, string>} */
   const headers = { accept };
-  if (body !== undefined) headers['content-type'] = 'application/json';
+  const form = body instanceof FormData;
+  if (body !== undefined && !form) headers['content-type'] = 'application/json';
   const started = performance.now();
   /** @type {Call} */
   const call = { method, path, body, status: null, ms: 0, at: Date.now() };
   if (method !== 'GET') note(call);
   let response;
   try {
-    response = await fetch(ROOT + path, { method, headers, body: body === undefined ? undefined : JSON.stringify(body) });
+    response = await fetch(ROOT + path, { method, headers, body: body === undefined || form ? body : JSON.stringify(body) });
   } catch {
     throw new Problem(0, 'The server does not answer. Is it still running?');
   } finally {
@@ -87,7 +88,9 @@ async function json(method, path, body) {
 export function curl(method, path, body) {
   const url = `${location.origin}${ROOT}${path}`;
   const parts = ['curl', ...(method === 'GET' ? [] : ['-X', method]), quoted(url)];
-  if (body !== undefined) parts.push('-H', quoted('content-type: application/json'), '-d', quoted(JSON.stringify(body)));
+  if (body instanceof FormData) {
+    for (const [name, value] of body) parts.push('-F', quoted(`${name}=${value instanceof File ? `@${value.name}` : value}`));
+  } else if (body !== undefined) parts.push('-H', quoted('content-type: application/json'), '-d', quoted(JSON.stringify(body)));
   return parts.join(' ');
 }
 
@@ -127,6 +130,8 @@ export const commands = {
   remove: (id) => ['DELETE', experiment(id)],
   /** @param {string | object} scenario @param {string} [title] @returns {[string, string, object]} */
   create: (scenario, title) => ['POST', '/experiments', title ? { scenario, title } : { scenario }],
+  /** @param {FormData} form @returns {[string, string, object]} */
+  log: (form) => ['POST', '/logs', form],
 };
 
 /** Sends a command of the table above. @param {[string, string, object?]} command @returns {Promise<any>} */
@@ -139,6 +144,8 @@ export const read = {
   scenarios: () => json('GET', '/scenarios'),
   /** @param {string} id @returns {Promise<SystemDescription>} */
   system: (id) => json('GET', `/systems/${encodeURIComponent(id)}`),
+  /** @returns {Promise<import('./types').LogLimits>} */
+  logLimits: () => json('GET', '/logs'),
   /** @returns {Promise<Experiment[]>} */
   experiments: () => json('GET', '/experiments'),
   /** @param {string} id @returns {Promise<Experiment>} */

@@ -18,6 +18,7 @@ import './panels/table.js';
 import './panels/rest.js';
 import './panels/experiments.js';
 import './panels/parameters.js';
+import './panels/receiver.js';
 import { attempt, look, say } from './actions.js';
 import { Problem, read } from './api.js';
 import * as session from './session.js';

@@ -72,7 +72,7 @@ export function timeTicks(from, to, count) {
   return ticks;
 }
 
-/** `imu.accelerometer` -> `imu accelerometer`. @param {string} name */
+/** `main.part` -> `main part`. @param {string} name */
 export function words(name) {
   return name.replace(/[._-]+/g, ' ').trim();
 }

@@ -255,6 +255,15 @@ export function show(shown) {
 export async function create(scenario, to = {}) {
   /** @type {Experiment} */
   const experiment = await send(commands.create(scenario, to.title));
+  await begin(experiment, to);
+}
+
+/**
+ * Opens an experiment that has just been put on the server, at a speed that fits its length.
+ * @param {Experiment} experiment
+ * @param {{until?: number}} [to]
+ */
+export async function begin(experiment, to = {}) {
   const [paced] = await Promise.all([
     send(commands.clock(experiment.id, { speed: fitting(experiment.clock.duration) })),
     system(experiment.system),

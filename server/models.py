@@ -143,6 +143,14 @@ class ExperimentState(Answer):
     ghost_of: str | None = Field(description="the experiment this one is the fault-free twin of")
 
 
+class LogLimits(Answer):
+    """What an uploaded receiver's log may have."""
+
+    observation_bytes: int = Field(description="of the observation file")
+    navigation_bytes: int = Field(description="of the navigation file")
+    epochs: int
+
+
 # ---- time -------------------------------------------------------------------------------------------------------
 
 

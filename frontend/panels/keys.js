@@ -22,6 +22,7 @@ const KEYS = [
   { keys: ['0'], what: 'zoom out to the whole flight', act: () => zoomTo(null) },
   { keys: ['l'], what: 'filter the log', act: () => /** @type {HTMLElement | null} */ (document.querySelector('ft-log input'))?.focus() },
   { keys: ['p'], what: 'parameters, for a new experiment', act: () => openDialog('ft-parameters') },
+  { keys: ['o'], what: 'open a receiver log', act: () => openDialog('ft-receiver') },
   { keys: ['s'], what: 'copy a link that restores this run', act: shareLink },
   { keys: ['t'], what: 'dark or light', act: () => setTheme(store.get().theme === 'dark' ? 'light' : 'dark') },
   { keys: ['?'], what: 'these keys', act: () => openDialog('ft-keys') },

@@ -3,7 +3,7 @@ import { Panel, fill, h } from '../dom.js';
 import { happened } from '../session.js';
 import { clock } from '../format.js';
 import { reason, sentence } from '../marks.js';
-import { store } from '../store.js';
+import { period, store } from '../store.js';
 import { branch, fly, openDialog, rewind, say } from '../actions.js';
 /** @import {Event, Notice} from '../types' */
 
@@ -21,20 +21,21 @@ export class Notices extends Panel {
   #banner() {
     const { connection, busy, experiment } = store.get();
     const clockState = experiment?.clock;
+    const ready = store.get().scenarios.find((s) => s.id === experiment?.scenario.id);
     this.className = '';
     if (connection === 'lost') {
       this.#tell('warning', 'Connection lost. The page keeps what it has and resumes by itself.');
     } else if (connection === 'gone') {
       this.#tell('error', 'This experiment is no longer on the server.',
-        h('button', { onclick: () => fly(experiment?.scenario.id ?? '') }, 'Fly its scenario again'), h('button', { onclick: () => openDialog('ft-experiments') }, 'Other experiments'));
+        ready && h('button', { onclick: () => fly(ready.id) }, 'Fly its scenario again'), h('button', { onclick: () => openDialog('ft-experiments') }, 'Other experiments'));
     } else if (clockState?.state === 'failed') {
       this.#tell('error', `The experiment has failed: ${clockState.reason ?? 'the server does not say why'}.`,
-        h('button', { onclick: () => rewind(Math.max(0, store.get().now - 1)) }, 'Rewind a little'), h('button', { onclick: () => branch(0) }, 'Start over in a branch'));
+        h('button', { onclick: () => rewind(Math.max(0, store.get().now - Math.max(1, period()))) }, 'Rewind a little'), h('button', { onclick: () => branch(0) }, 'Start over in a branch'));
     } else if (busy) this.#tell('info', busy);
     else this.replaceChildren();
   }
 
-  /** @param {string} tone @param {string} text @param {...HTMLElement} acts */
+  /** @param {string} tone @param {string} text @param {...(HTMLElement | undefined)} acts */
   #tell(tone, text, ...acts) {
     this.className = tone;
     fill(this, h('span', {}, text), ...acts);

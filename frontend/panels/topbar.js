@@ -7,6 +7,9 @@ import { back, branch, fly, open, openDialog, setSpeed, setTheme, shareLink, ste
 import { exportMenu } from './export.js';
 /** @import {Experiment} from '../types' */
 
+/** No scenario has this id. */
+const OWN_LOG = '+log';
+
 export class TopBar extends Panel {
   build() {
     this.append(
@@ -21,14 +24,19 @@ export class TopBar extends Panel {
   }
 
   #scenarios() {
-    const select = h('select', { class: 'scenario', 'aria-label': 'Scenario', onchange: () => fly(select.value) });
+    const select = h('select', { class: 'scenario', 'aria-label': 'Scenario', onchange: () => {
+      if (select.value !== OWN_LOG) return void fly(select.value);
+      select.value = store.get().experiment?.scenario.id ?? '';
+      openDialog('ft-receiver');
+    } });
     this.watch((s) => [s.scenarios, s.experiment?.scenario.id, s.experiment?.scenario.title], () => {
       const { scenarios, experiment } = store.get();
       const current = experiment?.scenario;
       const strange = current && !scenarios.some((s) => s.id === current.id);
       const systems = [...new Set(scenarios.map((s) => s.system))];
       fill(select, !current && h('option', { value: '', disabled: true, selected: true }, 'Choose a scenario'), strange && h('option', { value: current.id }, current.title), ...systems.map((system) =>
-        h('optgroup', { label: words(system) }, ...scenarios.filter((s) => s.system === system).map((s) => h('option', { value: s.id, title: s.summary }, s.title)))));
+        h('optgroup', { label: words(system) }, ...scenarios.filter((s) => s.system === system).map((s) => h('option', { value: s.id, title: s.summary }, s.title)))),
+        h('optgroup', { label: 'your own' }, h('option', { value: OWN_LOG }, 'Open a receiver log …')));
       if (current) select.value = current.id;
       document.title = current ? `${current.title} – FTLab` : 'FTLab';
       select.title = scenarios.find((s) => s.id === current?.id)?.summary ?? '';

@@ -19,6 +19,7 @@ function inWords(schema) {
   if (schema.enum) return schema.enum.map((v) => JSON.stringify(v)).join(' | ');
   const options = schema.anyOf ?? schema.oneOf;
   if (options) return options.map(inWords).join(' | ');
+  if (schema.format === 'binary') return 'file';
   if (schema.type === 'array') return `${inWords(schema.items) || 'any'}[]`;
   const bounds = [
     ['minimum', '≥'], ['exclusiveMinimum', '>'], ['maximum', '≤'], ['exclusiveMaximum', '<'], ['maxLength', 'length ≤'],
@@ -50,6 +51,13 @@ function curl(method, path, body) {
   return parts.join(' ');
 }
 
+/** A form with its files and its example values. */
+function curlForm(path, form) {
+  const given = Object.entries(form.properties).filter(([name, property]) => form.required?.includes(name) || property.example !== undefined);
+  const parts = given.map(([name, property]) => (property.format === 'binary' ? `-F ${name}=@FILE` : `-F '${name}=${property.example}'`));
+  return ['curl', ...parts, `'${location.origin}${path}'`].join(' ');
+}
+
 function operation(method, path, about) {
   const box = el('details');
   box.id = about.operationId;
@@ -68,8 +76,10 @@ function operation(method, path, about) {
     inside.append(table);
   }
   const body = about.requestBody?.content?.['application/json']?.schema;
+  const form = about.requestBody?.content?.['multipart/form-data']?.schema;
   if (body) inside.append(el('h3', 'Body'), fields(body));
-  inside.append(el('h3', 'Try'), el('pre', curl(method, path, body ? example(body) ?? {} : undefined)));
+  if (form) inside.append(el('h3', 'Form'), fields(form));
+  inside.append(el('h3', 'Try'), el('pre', form ? curlForm(path, form) : curl(method, path, body ? example(body) ?? {} : undefined)));
   inside.append(el('h3', 'Answers'));
   for (const [status, answer] of Object.entries(about.responses)) {
     const kinds = Object.entries(answer.content ?? {}).map(([kind, content]) => `${kind}${content.schema ? `: ${inWords(content.schema)}` : ''}`);

@@ -15,7 +15,7 @@ from starlette.requests import ClientDisconnect
 from ftcore import CommandError
 from ftcore.sensors.rinex import LogError
 from server.dependencies import Registry, SettingsOf
-from server.models import ExperimentState
+from server.models import ExperimentState, LogLimits
 from server.problems import FieldError, Refused, at, documented
 from server.registry import ReceiverLog
 from server.settings import Settings
@@ -33,12 +33,12 @@ FORM: dict[str, Any] = {
         "observation": {
             "type": "string",
             "format": "binary",
-            "description": "RINEX 2 or 3 observation file, GPS, code on L1; at most 20 MB and 3600 epochs",
+            "description": "RINEX 2 or 3 observation file, GPS, code on L1; `GET /logs` says how large",
         },
         "navigation": {
             "type": "string",
             "format": "binary",
-            "description": "RINEX 2 or 3 GPS navigation file of the same day; at most 5 MB",
+            "description": "RINEX 2 or 3 GPS navigation file of the same day",
         },
         "antenna": {
             "type": "string",
@@ -51,6 +51,16 @@ FORM: dict[str, Any] = {
     },
 }
 FILES = ("observation", "navigation")
+
+
+@router.get("/logs", operation_id="getLogLimits", summary="How large a log may be", responses=documented())
+def get_log_limits(settings: SettingsOf) -> LogLimits:
+    """Limits of this server for `POST /logs`."""
+    return LogLimits(
+        observation_bytes=settings.max_observation_bytes,
+        navigation_bytes=settings.max_navigation_bytes,
+        epochs=settings.max_log_epochs,
+    )
 
 
 @router.post(

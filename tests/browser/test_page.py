@@ -217,7 +217,7 @@ def test_a_full_server_is_explained_and_room_can_be_made(lab: Lab) -> None:
         "**/api/v1/experiments",
         lambda route: route.fulfill(status=429, json=full) if route.request.method == "POST" else route.continue_(),
     )
-    other = lab.page.locator("ft-topbar .scenario option").last.get_attribute("value")
+    other = lab.page.locator("ft-topbar .scenario option[title]").last.get_attribute("value")
     lab.page.get_by_label("Scenario").select_option(other)
     expect(lab.page.locator(".toast.error")).to_contain_text("32 experiments already")
     lab.page.get_by_role("button", name="Choose experiments to delete").click()

@@ -297,6 +297,12 @@ def test_the_servers_limits_are_those_of_the_reader() -> None:
     from ftcore.sensors import rinex
 
     settings = Settings()
+    with client_of(settings) as client:
+        assert client.get(LOGS).json() == {
+            "observation_bytes": 20_000_000,
+            "navigation_bytes": 5_000_000,
+            "epochs": 3600,
+        }
     assert settings.max_observation_bytes == rinex.MAX_OBSERVATION_BYTES
     assert settings.max_navigation_bytes == rinex.MAX_NAVIGATION_BYTES
     assert settings.max_log_epochs == rinex.MAX_EPOCHS
@@ -370,7 +376,7 @@ def test_a_form_is_taken_there_and_nowhere_else(client: TestClient, folder: Path
     assert client.post(LOGS, data={"observation": "x"}).status_code == 415
     nonsense = client.post(LOGS, content=b"xx", headers={"content-type": "multipart/form-data; boundary=y"})
     assert nonsense.status_code == 400
-    assert client.get(LOGS).status_code == 405
+    assert client.put(LOGS).status_code == 405
 
 
 def test_a_guarded_server_wants_the_token_for_a_log_too(made: Files) -> None:
@@ -385,4 +391,3 @@ def test_the_form_is_in_the_openapi_document(client: TestClient) -> None:
     form = operation["requestBody"]["content"]["multipart/form-data"]["schema"]
     assert form["required"] == ["observation", "navigation"]
     assert form["properties"]["observation"]["format"] == "binary"
-    assert "20 MB" in form["properties"]["observation"]["description"]

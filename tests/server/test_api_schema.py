@@ -17,7 +17,7 @@ OPERATIONS = {
     "listExperiments", "getExperiment", "deleteExperiment", "forkExperiment", "ghostExperiment", "setClock",
     "advanceExperiment", "rewindExperiment", "injectFault", "listFaults", "getFault", "changeFault", "clearFault",
     "clearFaults", "switchSubsystem", "changeSettings", "getSeries", "listEvents", "getScore", "getReplay", "getView",
-    "setCursor", "getReport", "flyLog", "getHealth", "getVersion",
+    "setCursor", "getReport", "flyLog", "getLogLimits", "getHealth", "getVersion",
 }  # fmt: skip
 
 

@@ -147,28 +147,36 @@ def state_tests(
     nothing to hold against the subsystem, and it is believed.
     """
     x_S, P_S = pair.estimate()
-    q, dof, vectors = [], [], []
-    layout = updates.layout
-    W = np.zeros((max(len(x_S), len(updates.HPH)), layout.rows, layout.rows))
+    layout, prior = updates.layout, updates.prior
+    s, rows = len(layout.sizes), layout.places
+
+    def room(A: Array, *axes: int) -> Array:
+        """A smaller subsystem's block is filled up with zeros, of which W has no variance: they do not count."""
+        return A if rows.max() < layout.rows else np.pad(A, [(0, int(k - A.ndim in axes)) for k in range(A.ndim)])
+
+    H = room(updates.H, -2)[:, rows]
+    i, j = rows[:, :, None], rows[:, None, :]
+    C = room(updates.HPH, -2, -1)[:, :, i, j]
+    alone = 2 ** np.arange(s)
+    u = room(updates.weighed, -1)[:, :, alone[:, None], rows]
+    G = room(updates.inverse, -2, -1)[:, :, alone[:, None, None], i, j]
+    local = imm.Mixture(
+        np.moveaxis(np.matvec(H[:, None], prior.x[:, :, None]) + np.matvec(C, u), 1, 2),
+        np.moveaxis(kalman.symmetric(C - C @ G @ C), 1, 2),
+        imm.reweigh(prior.log_mu[:, None], updates.log_likelihood.swapaxes(1, 2)),
+    )
+    x_KF, P_KF = imm.combine(local)
+    Hx_S = np.matvec(H, x_S[:, None])
+    HPH_S = kalman.symmetric(H @ P_S[:, None] @ H.swapaxes(-1, -2))
+    test = state_chi_square(x_KF, P_KF, Hx_S, HPH_S, p_reject, "all")
     present = updates.dof > 0
-    for i, rows in enumerate(layout.slices):
-        H_i = updates.H[:, rows]
-        C = updates.HPH[:, :, rows, rows]
-        alone = 2**i
-        local = imm.Mixture(
-            np.matvec(H_i[:, None], updates.prior.x) + np.matvec(C, updates.weighed[:, :, alone, rows]),
-            kalman.symmetric(C - C @ updates.inverse[:, :, alone, rows, rows] @ C),
-            imm.reweigh(updates.prior.log_mu, updates.log_likelihood[:, :, i]),
-        )
-        x_KF, P_KF = imm.combine(local)
-        HPH_S = kalman.symmetric(H_i @ P_S @ H_i.swapaxes(-1, -2))
-        test = state_chi_square(x_KF, P_KF, np.matvec(H_i, x_S), HPH_S, p_reject, layout.names[i])
-        q.append(np.where(present[:, i], test.statistic, 0.0))
-        dof.append(np.where(present[:, i], test.dof, 0))
-        vectors.append(x_KF - np.matvec(H_i, x_S))
-        W[:, rows, rows] = HPH_S - P_KF
-    d = np.concatenate(vectors, axis=-1)
-    return _judged(np.stack(q, axis=-1), np.stack(dof, axis=-1), present, d, W, layout, p_suspect, p_reject)
+    q, dof = np.where(present, test.statistic, 0.0), np.where(present, test.dof, 0)
+    d = np.zeros((len(q), layout.rows))
+    W = np.zeros((len(q), layout.rows, layout.rows))
+    for k, (size, own) in enumerate(zip(layout.sizes, layout.slices, strict=True)):
+        d[:, own] = (x_KF - Hx_S)[:, k, :size]
+        W[:, own, own] = (HPH_S - P_KF)[:, k, :size, :size]
+    return _judged(q, dof, present, d, W, layout, p_suspect, p_reject)
 
 
 def _judged(

@@ -148,9 +148,12 @@ def widen(prior: Mixture, y: Array, H: Array, layout: Layout, believed: Mask) ->
 def _difference(y: Array, R: Array, layout: Layout, pair: tuple[int, int], valid: Mask | None) -> Array:
     """z_a - z_b in units of its standard deviation, (runs, rows); NaN where a row of either is not valid."""
     a, b = (layout.slices[i] for i in pair)
-    R = noise(R, valid)
-    whitener = kalman.triangular_inverse(kalman.cholesky(R[:, a, a] + R[:, b, b]))
-    d = np.matvec(whitener, y[:, a] - y[:, b])
+    d = y[:, a] - y[:, b]
+    if R.ndim == 3:
+        full = noise(R, valid)
+        d = np.matvec(kalman.triangular_inverse(kalman.cholesky(full[:, a, a] + full[:, b, b])), d)
+    else:
+        d = d / np.sqrt(R[..., a] + R[..., b])
     if valid is not None:
         d = np.where((valid[:, a] & valid[:, b]).all(axis=-1, keepdims=True), d, np.nan)
     return np.asarray(d)

@@ -71,6 +71,11 @@ class Layout:
         """(s, m): 1 where the row belongs to the subsystem."""
         return _membership(self.sizes)
 
+    @property
+    def places(self) -> Ints:
+        """Row numbers of each subsystem, (s, largest size); m, one past the last, where it has fewer rows."""
+        return _places(self.sizes)
+
     def count(self, valid: Mask) -> Ints:
         """Valid rows of each subsystem, (runs, s), of `valid` (runs, m)."""
         return np.asarray(np.rint(valid @ self.membership.T), dtype=np.int64)
@@ -158,16 +163,10 @@ def subset_updates(
     HP = H[:, None] @ P
     HPH = HP @ np.ascontiguousarray(H.swapaxes(-1, -2))[:, None]
     nu = y[:, None] - np.matvec(H[:, None], x)
-    inverse, whiteners = _subset_inverses(HPH + R[:, None], layout)
+    inverse, whitener = _subset_inverses(HPH + R[:, None], layout)
     dof = np.array(layout.sizes)[None] if valid is None else layout.count(valid)
-    fit = np.stack(
-        [
-            -0.5 * np.square(np.matvec(w, nu[..., rows])).sum(axis=-1)
-            + np.log(np.diagonal(w, axis1=-2, axis2=-1)).sum(axis=-1)
-            for w, rows in zip(whiteners, layout.slices, strict=True)
-        ],
-        axis=-1,
-    )
+    log_scale = np.log(np.diagonal(whitener, axis1=-2, axis2=-1))
+    fit = (log_scale - 0.5 * np.square(np.matvec(whitener, nu))) @ layout.membership.T
     return SubsetUpdates(
         prior,
         layout,
@@ -244,15 +243,15 @@ def noise(R: Array, valid: Mask | None) -> Array:
     return np.asarray(R if full else np.atleast_2d(R)[:, :, None] * eye)
 
 
-def _subset_inverses(S: Array, layout: Layout) -> tuple[Array, list[Array]]:
-    """G_A (..., 2^s, m, m) of S (..., m, m), and the whitener L^-1 of every subsystem's own block, (..., size, size).
+def _subset_inverses(S: Array, layout: Layout) -> tuple[Array, Array]:
+    """G_A (..., 2^s, m, m) of S (..., m, m), and the whiteners L^-1 of the subsystems' own blocks, (..., m, m).
 
     With G of the subsets of the first rows and the new block's C = S_bA G and Schur complement D = S_bb - C S_Ab,
     the inverse with the block is [G + C' D^-1 C, -C' D^-1; -D^-1 C, D^-1]. For the empty subset D is S_bb itself.
     """
     m = layout.rows
     G = np.zeros((*S.shape[:-2], 2 ** len(layout.sizes), m, m))
-    whiteners = []
+    whitener = np.zeros_like(S)
     for i, b in enumerate(layout.slices):
         A, old, new = slice(0, b.start), slice(0, 2**i), slice(2**i, 2 ** (i + 1))
         C = S[..., None, b, A] @ G[..., old, A, A]
@@ -264,8 +263,8 @@ def _subset_inverses(S: Array, layout: Layout) -> tuple[Array, list[Array]]:
         G[..., new, b, A] = -across
         G[..., new, A, b] = -across.swapaxes(-1, -2)
         G[..., new, b, b] = L_inv.swapaxes(-1, -2) @ L_inv
-        whiteners.append(L_inv[..., 0, :, :])
-    return G, whiteners
+        whitener[..., b, b] = L_inv[..., 0, :, :]
+    return G, whitener
 
 
 def _of_driver(log_likelihood: Array, chosen: Ints) -> Array:
@@ -277,5 +276,14 @@ def _of_driver(log_likelihood: Array, chosen: Ints) -> Array:
 @lru_cache(maxsize=64)
 def _membership(sizes: tuple[int, ...]) -> Array:
     table = np.repeat(np.eye(len(sizes)), sizes, axis=1)
+    table.flags.writeable = False
+    return table
+
+
+@lru_cache(maxsize=64)
+def _places(sizes: tuple[int, ...]) -> Ints:
+    table = np.full((len(sizes), max(sizes)), sum(sizes))
+    for i, (end, size) in enumerate(zip(np.cumsum(sizes), sizes, strict=True)):
+        table[i, :size] = np.arange(end - size, end)
     table.flags.writeable = False
     return table

@@ -196,6 +196,24 @@ def test_the_state_form_believes_where_there_is_nothing_to_hold_against():
     assert not tests.alarm[:, :2].any()
 
 
+def test_the_state_form_of_subsystems_of_unlike_size_is_that_of_each_alone():
+    """GPS with six rows beside CNS with three: what one says does not depend on how large the other is."""
+    flight = Flight(13, 40)
+    pair = start_propagators(*flight.start())
+    for _ in range(20):
+        y = flight.step()
+        pair = pg.carry(pair, flight.Phi, flight.Q_models, np.array([[0.7, 0.3]]))
+    prior = imm.start(*(0.5 * part for part in pair.estimate()), [0.9, 0.1])
+    both = pg.state_tests(pair, tf.subset_updates(prior, y, flight.H, flight.R, Layout(("gnss", "cns"), (6, 3))))
+    for i, rows in enumerate((slice(0, 6), slice(6, 9))):
+        size = rows.stop - rows.start
+        alone = tf.subset_updates(prior, y[:, rows], flight.H[:, rows], flight.R[rows], Layout(("x",), (size,)))
+        one = pg.state_tests(pair, alone)
+        np.testing.assert_array_equal(both.dof[:, i], one.dof[:, 0])
+        np.testing.assert_allclose(both.q[:, i], one.q[:, 0], rtol=1e-9)
+    assert (both.dof == 3).all(), "two fixes of one position know three directions"
+
+
 def test_validity_falls_from_one_to_nothing_between_the_thresholds():
     """(15), whose printed form -q / 5.1 + 11.35 / 5.1 is (11.35 - q) / (11.35 - 6.25)."""
     q = np.array([0.0, 6.25, 6.26, 8.8, 11.34, 11.35, 1e12])

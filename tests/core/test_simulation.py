@@ -184,15 +184,16 @@ def schedules(draw):
         )
     )
     modes = draw(st.sampled_from(["fusion-reset", "no-reset", "zero-reset", "rescale"]))
-    master = draw(st.sampled_from(["federated", "covariance-intersection"]))
+    master = draw(st.sampled_from(["federated", "covariance-intersection", "tolerant"]))
+    integrity = draw(st.sampled_from(["off", "snapshot", "innovation"]))
     driver = draw(st.sampled_from(["residual", "state", "two-propagator", "glr", "cusum", "none"]))
-    return faults, switches, modes, master, driver
+    return faults, switches, modes, master, driver, integrity
 
 
 def fly_schedule(schedule):
-    faults, switches, mode, master, driver = schedule
+    faults, switches, mode, master, driver, integrity = schedule
     sim = Simulation(VISIBLE, runs=2)
-    sim.configure(driving_test=driver)
+    sim.configure(driving_test=driver, satellite_integrity=integrity)
     for epoch in range(30):
         for channel, kind, magnitude, start, length in faults:
             if start == epoch:

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
-from ftcore import Fault, Scenario, Simulation
+from ftcore import CommandError, Fault, Scenario, Simulation
 from ftcore.detection import supervisor
 from ftcore.estimation import least_squares
 from ftcore.systems.sins_gps_doppler import satellites
@@ -151,3 +152,59 @@ def test_given_gps_has_no_reading_for_a_while_then_integrity_waits_and_goes_on()
     assert np.isnan(sim["test.integrity.gps.statistic"][gone]).all()
     assert not [k for k in kinds(sim, "gps") if k.startswith("integrity")]
     assert sim["used.gps"][-10:, 0].all()
+
+
+# ---- masters
+
+
+def with_settings(**settings):
+    return CALM.model_copy(update={"settings": settings})
+
+
+def test_given_nobody_is_doubted_then_the_tolerant_master_is_the_federated_one():
+    """With fusion-reset the merge of local filters is the centralised filter, and so is the update with both aids."""
+    a, b = (
+        Simulation(with_settings(master=master, driving_test="none"), runs=2).advance(until=40)
+        for master in ("federated", "tolerant")
+    )
+    for part in ("position.up", "velocity.east", "attitude.up"):
+        for what in ("error", "sigma"):
+            assert np.allclose(a[f"fused.{what}.{part}"], b[f"fused.{what}.{part}"], rtol=1e-4, atol=1e-7), part
+    assert np.allclose(b["weight.gps+doppler"], 1.0)
+
+
+def test_given_an_aid_is_in_doubt_then_the_tolerant_master_takes_it_in_part_without_an_alarm():
+    """Between the two quantiles, 10 % and 0.1 %, beta falls in a straight line."""
+    sim = Simulation(with_settings(master="tolerant", driving_test="residual"), runs=20).advance(until=60)
+    q, dof = sim["test.residual.gps.statistic"], sim["test.residual.gps.dof"]
+    doubt, reject = chi2.isf(0.1, dof), chi2.isf(1e-3, dof)
+    between = (q > doubt) & (q < reject) & (sim["used.gps"] > 0)
+    assert between.sum() > 50
+    beta = sim["weight.gps"] + sim["weight.gps+doppler"]
+    assert np.allclose(beta[between], ((reject - q) / (reject - doubt))[between], rtol=1e-6)
+    assert np.allclose(sum(sim[f"weight.{s}"] for s in ("sins", "gps", "doppler", "gps+doppler")), 1.0)
+
+
+def test_given_a_rejected_aid_then_the_weights_say_so_under_every_master():
+    fault = Fault(channel="gps.pseudorange.C1", kind="bias", magnitude=100.0, start=30.0)
+    for master in ("federated", "covariance-intersection", "tolerant"):
+        scenario = with_settings(master=master).model_copy(update={"faults": (fault,)})
+        sim = Simulation(scenario).advance(until=40)
+        assert sim["weight.gps"][-1, 0] == sim["weight.gps+doppler"][-1, 0] == 0.0
+        assert sim["weight.doppler"][-1, 0] > 0.0
+
+
+def test_given_the_master_is_changed_in_flight_then_the_estimate_does_not_jump():
+    """The filters of each master are kept ready by the others."""
+    sim = Simulation(CALM, runs=4).advance(until=40)
+    for master in ("tolerant", "federated"):
+        sim.configure(master=master)
+        sim.advance(epochs=20)
+    moved = np.abs(np.diff(sim["fused.error.position.up"], axis=0))
+    assert moved[38:].max() < 3.0 * moved[25:38].max()
+
+
+def test_given_doubt_that_begins_after_rejection_then_it_is_refused():
+    sim = Simulation(CALM)
+    with pytest.raises(CommandError, match="doubt begins before rejection"):
+        sim.configure(master="tolerant", doubt_probability=1e-4)

@@ -12,6 +12,7 @@ from ftcore.systems.sins_gps_doppler.names import (
     IMU_TESTS,
     ROLES,
     SLOTS,
+    SUBSETS,
     TEST_LABELS,
     subject_label,
 )
@@ -153,6 +154,16 @@ def charts() -> list[Chart]:
                 Trace(signal="gps.excluded", label="satellites left out"),
                 Trace(signal="gps.hdop", label="HDOP"),
             ),
+        )
+    )
+    found.append(
+        Chart(
+            id="weights",
+            title="Weights of the aids in the fused estimate",
+            unit="1",
+            group="weights",
+            stacked=True,
+            traces=tuple(Trace(signal=f"weight.{n}", label=label, role="weight") for n, label in SUBSETS.items()),
         )
     )
     return found

@@ -23,6 +23,7 @@ from ftcore.systems.sins_gps_doppler.names import (
     ESTIMATORS,
     SLOTS,
     SUBJECTS,
+    SUBSETS,
     TEST_LABELS,
     TESTS,
     subject_label,
@@ -155,6 +156,10 @@ def _signals() -> list[Signal]:
         Signal(name="gps.satellites", label="satellites in use", unit="1", group="geometry"),
         Signal(name="gps.excluded", label="satellites left out", unit="1", group="geometry"),
         Signal(name="gps.hdop", label="HDOP", unit="1", group="geometry"),
+        *(
+            Signal(name=f"weight.{n}", label=f"weight of the estimate, {text}", unit="1", group="weight")
+            for n, text in SUBSETS.items()
+        ),
         Signal(name="truth.height", label="true height", unit="m", group="flight"),
         Signal(name="truth.speed", label="true ground speed", unit="m/s", group="flight"),
         Signal(name="truth.roll", label="true roll", unit="deg", group="flight"),

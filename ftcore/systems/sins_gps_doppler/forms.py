@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ftcore.systems.base import Form
 from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, mounting, quantity
@@ -104,11 +104,19 @@ class Settings(Supervised):
         title="Fusion mode",
         description="what the master gives back to the local filters; no-reset is the paper's",
     )
-    master: Literal["federated", "covariance-intersection"] = Field(
+    master: Literal["federated", "covariance-intersection", "tolerant"] = Field(
         default="federated",
         title="Master",
-        description="how local estimates are fused; covariance intersection fuses the filters that are alone, "
-        "taking their correlation as unknown",
+        description="federated: local filters, merged (000); covariance intersection: the filters that are alone, "
+        "their correlation taken as unknown; tolerant: every subset of the aids, weighed by the driving test's q (002)",
+    )
+    doubt_probability: float = Field(
+        default=0.1,
+        ge=1e-9,
+        le=0.9,
+        title="Doubt",
+        description="tolerant master: an aid counts fully up to this quantile of q, less beyond, not at all at alarm",
+        json_schema_extra={"unit": "1"},
     )
     gps_share: float = Field(
         default=0.5,
@@ -140,3 +148,12 @@ class Settings(Supervised):
         description="seconds between resets of the two propagators; longer while anybody is suspected",
         json_schema_extra={"unit": "s"},
     )
+
+    @model_validator(mode="after")
+    def _doubt_comes_first(self) -> Settings:
+        if self.master == "tolerant" and self.doubt_probability <= self.false_alarm_probability:
+            raise ValueError(
+                f"doubt begins before rejection: its probability {self.doubt_probability:g} must be larger than the "
+                f"false-alarm probability {self.false_alarm_probability:g}"
+            )
+        return self

@@ -41,6 +41,10 @@ TEST_LABELS = {
 ROLES = {"fused": "protected", "gps": "local", "doppler": "local", "unprotected": "unprotected"}
 
 
+SUBSETS = {"sins": "SINS alone", "gps": "with GPS", "doppler": "with Doppler", "gps+doppler": "with both"}
+"""Subsets of the aids, in the order of their weights."""
+
+
 def aid_tests() -> list[tuple[str, str]]:
     """(test, subject) of the tests on GPS and Doppler, in column order."""
     return [(test, subject) for test in AID_TESTS for subject in AIDS]

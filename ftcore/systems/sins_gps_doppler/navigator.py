@@ -23,12 +23,13 @@ from ftcore.estimation.federated import Estimate, Sharing
 from ftcore.estimation.strapdown import InsState, damp_vertical, damping_gains, propagate
 from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Flags, Notice, Output
-from ftcore.systems.sins_gps_doppler import aids, bank, satellites
+from ftcore.systems.sins_gps_doppler import aids, bank, masters, satellites
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult, AidTests, AidTestState
 from ftcore.systems.sins_gps_doppler.aids import Aid
 from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, LOCAL, NEWER, PRIOR, REFERENCE, Filters
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
+from ftcore.systems.sins_gps_doppler.masters import Fused
 from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, EPOCH, SLOTS
 from ftcore.systems.sins_gps_doppler.reporter import Detail
 from ftcore.systems.sins_gps_doppler.satellites import SatelliteState
@@ -129,15 +130,14 @@ class Navigator:
         doppler = aids.doppler(self._p.aiding, ins, readings, runs, controls.enabled["doppler"])
         x, P = filters.x.copy(), filters.P.copy()
         references = [FUSED, REFERENCE]
-        updates, locals_, predictions = [], [], []
+        updates, predictions = [], []
         for j, aid in enumerate((gps, doppler)):
             predictions.append(
                 kalman.innovation(filters.x[:, references], filters.P[:, references], *aid.of(references))
             )
             taking = [ALONE[j], LOCAL[j], CENTRAL]
             update = kalman.update(x[:, taking], P[:, taking], *aid.of(taking))
-            x[:, [ALONE[j], CENTRAL]], P[:, [ALONE[j], CENTRAL]] = update.x[:, [0, 2]], update.P[:, [0, 2]]
-            locals_.append((update.x[:, 1], update.P[:, 1]))
+            x[:, taking], P[:, taking] = update.x, update.P
             updates.append(update)
 
         tests_state, tests = self._tests.step(
@@ -163,25 +163,10 @@ class Navigator:
             state.supervisor, driving, (admission <= limit) & has_reading, enabled, rules
         )
 
-        used = decision.use
-        # A suspect's measurement is withheld from its own filter too, or it would come to the master a little later.
-        contributing = used | decision.suspect
-        prior = filters.federation
-        x_local, P_local = (np.stack(parts, axis=1) for parts in zip(*locals_, strict=True))
-        if not used.all():
-            x_local = np.where(used[..., None], x_local, prior.locals[0])
-            P_local = np.where(used[..., None, None], P_local, prior.locals[1])
-        fallback = filters.estimate(FUSED)
-        if settings.master == "covariance-intersection":
-            alone = list(ALONE)
-            fused = federated.covariance_intersection(x[:, alone], P[:, alone], used, fallback=fallback)
-        else:
-            fused = federated.master_estimate(prior, x_local, P_local, contributing, sharing, fallback)
-        back = decision.just_readmitted
-        federation = federated.after_fusion(
-            prior, x_local, P_local, fused, contributing, sharing, back if back.any() else None
-        )
-        x[:, :3], P[:, :3] = federation.x, federation.P
+        used, back = decision.use, decision.just_readmitted
+        made = masters.fuse(settings, sharing, filters, Filters(x, P), (gps, doppler), decision, has_reading, tests)
+        fused = made.estimate
+        x[:, :3], P[:, :3] = made.federation.x, made.federation.P
         x[:, FUSED], P[:, FUSED] = fused.x, fused.P
         filters, sound = _take_turns(
             Filters(x, P), fused, state.sound, decision, used & has_reading, settings.propagator_period
@@ -194,7 +179,7 @@ class Navigator:
         after = NavigatorState(
             ins, filters, imu_state, satellite_state, tests_state, supervision, decision.members, sharing, sound
         )
-        detail = self._detail(readings, ins, filters, fused, imu, gps, doppler, lines)
+        detail = self._detail(readings, ins, filters, made, imu, gps, doppler, lines)
         feeding = used & has_reading
         by_part = (tests, imu, integrity)  # in the order of the description's tests
         statistic, threshold, dof, alarm = (
@@ -251,14 +236,14 @@ class Navigator:
         readings: Readings,
         ins: InsState,
         filters: Filters,
-        fused: Estimate,
+        made: Fused,
         imu: ImuEpoch,
         gps: Aid,
         doppler: Aid,
         lines: Array,
     ) -> Detail:
         runs = self._runs
-        shown = [FUSED, *ALONE, CENTRAL]
+        shown, fused = [FUSED, *ALONE, CENTRAL], made.estimate
         two = InsState(ins.lla.reshape(runs, 2, 3), ins.v_n.reshape(runs, 2, 3), ins.C_nb.reshape(runs, 2, 3, 3))
         n = len(gps.columns) // 2
         there, taken = gps.present[:, :n], gps.valid[:, :n]
@@ -280,6 +265,7 @@ class Navigator:
             in_use=np.broadcast_to(taken.sum(axis=-1).astype(float), (runs,)),
             excluded=np.broadcast_to((there & ~taken).sum(axis=-1).astype(float), (runs,)),
             hdop=aids.hdop(gps),
+            weights=made.weights,
         )
 
 

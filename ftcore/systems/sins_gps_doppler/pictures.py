@@ -46,7 +46,7 @@ def blocks() -> list[Block]:
         ),
         Block(
             id="master", label="Master", kind="master", x=79, y=40, width=20, height=14,
-            settings=("fusion_mode", "master"),
+            settings=("fusion_mode", "master", "doubt_probability"),
         ),
     ]  # fmt: skip
 

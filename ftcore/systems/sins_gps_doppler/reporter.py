@@ -47,6 +47,7 @@ class Detail:
         lines: ``(satellites, 3)`` lines of sight of run 0, NaN where not visible.
         in_use, excluded: ``(runs,)`` satellites in use, and those left out by satellite integrity.
         hdop: ``(runs,)``.
+        weights: ``(runs, 4)`` of the subsets of the aids.
         names: texts of the tests for the diagram.
     """
 
@@ -60,6 +61,7 @@ class Detail:
     in_use: Array
     excluded: Array
     hdop: Array
+    weights: Array
 
 
 class Reporter:
@@ -99,6 +101,7 @@ class Reporter:
                 detail.in_use[:, None],
                 detail.excluded[:, None],
                 detail.hdop[:, None],
+                detail.weights,
                 np.broadcast_to(flight, (runs, len(flight))),
             ],
             axis=-1,

@@ -1,0 +1,108 @@
+"""The three masters of the SINS/GPS/Doppler system: how one estimate is made of two aids.
+
+    federated                the local filters' estimates are merged and shared out again (000)
+    covariance-intersection  the filters that are alone are merged as if nothing were known of their correlation
+    tolerant                 the fused prediction is updated with every subset of the aids, and the four estimates are
+                             weighed by how far the driving test believes each aid (002)
+
+Whom the supervisor has put out is out in all of them. The tolerant master goes further: an aid that has not alarmed,
+but is beyond the doubt threshold, counts in part, so the estimate does not jump when somebody is excluded. Its validity
+beta (15) falls from 1 at the doubt threshold to 0 at the alarm threshold of the driving test's own q. The GLR and the
+cumulative sum have no q on the aid's degrees of freedom; with them, and with none, beta is 1 for whoever is not out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ftcore.detection import chi_square, propagators, supervisor
+from ftcore.estimation import federated, imm, tolerant_fusion
+from ftcore.estimation.federated import Bank, Estimate, Sharing
+from ftcore.estimation.tolerant_fusion import Layout
+from ftcore.systems.base import Flags
+from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult
+from ftcore.systems.sins_gps_doppler.aids import Aid
+from ftcore.systems.sins_gps_doppler.bank import ALONE, FUSED, LOCAL, Filters
+from ftcore.systems.sins_gps_doppler.forms import Settings
+from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS
+
+Array = NDArray[np.float64]
+
+_WITH_Q = ("residual", "state", "two-propagator")
+
+
+@dataclass(frozen=True)
+class Fused:
+    """The global estimate, the federation that goes on into the next epoch, and ``(runs, 4)`` weights of the subsets:
+    SINS alone, GPS, Doppler, both."""
+
+    estimate: Estimate
+    federation: Bank
+    weights: Array
+
+
+def fuse(
+    settings: Settings,
+    sharing: Sharing,
+    prior: Filters,
+    updated: Filters,
+    aids: tuple[Aid, Aid],
+    decision: supervisor.Decision,
+    has_reading: Flags,
+    tests: AidTestResult,
+) -> Fused:
+    """One epoch's fusion.
+
+    Args:
+        prior: all filters as predicted.
+        updated: the same after every filter has taken its own aid, whoever is trusted.
+        aids: GPS and Doppler, without satellites that integrity has left out.
+        decision: of the supervisor on the two.
+        has_reading: ``(runs, 2)``.
+        tests: what the tests say of this epoch.
+    """
+    used, back = decision.use, decision.just_readmitted
+    if settings.master == "tolerant":
+        estimate, weights = _tolerant(settings, prior.estimate(FUSED), aids, used, tests)
+        # The local filters follow: each with its part of what is known, ready to take over.
+        return Fused(estimate, federated.start(estimate.x, estimate.P, sharing), weights)
+    local, alone = list(LOCAL), list(ALONE)
+    bank = prior.federation
+    x, P = updated.x[:, local], updated.P[:, local]
+    if not used.all():
+        x = np.where(used[..., None], x, bank.locals[0])
+        P = np.where(used[..., None, None], P, bank.locals[1])
+    # A suspect's measurement is withheld from its own filter too, or it would come to the master a little later.
+    contributing = used | decision.suspect
+    fallback = prior.estimate(FUSED)
+    if settings.master == "covariance-intersection":
+        estimate = federated.covariance_intersection(updated.x[:, alone], updated.P[:, alone], used, fallback=fallback)
+    else:
+        estimate = federated.master_estimate(bank, x, P, contributing, sharing, fallback)
+    federation = federated.after_fusion(bank, x, P, estimate, contributing, sharing, back if back.any() else None)
+    return Fused(estimate, federation, tolerant_fusion.subset_weights((used & has_reading).astype(np.float64)))
+
+
+def _tolerant(
+    settings: Settings, prior: Estimate, aids: tuple[Aid, Aid], used: Flags, tests: AidTestResult
+) -> tuple[Estimate, Array]:
+    """The estimate of (35)-(36) and the weights of (17), with one model in place of the IMM."""
+    runs = len(prior.x)
+    layout = Layout(tuple(AIDS), tuple(aid.y.shape[-1] for aid in aids))
+    y, H = (np.concatenate([getattr(aid, field)[:, 0] for aid in aids], axis=1) for field in ("y", "H"))
+    R = np.concatenate([aid.R[0] for aid in aids], axis=-1)
+    valid = np.concatenate([np.broadcast_to(aid.valid, (runs, aid.valid.shape[-1])) for aid in aids], axis=-1)
+    beta, q = used.astype(np.float64), np.zeros(used.shape)
+    if settings.driving_test in _WITH_Q:
+        driver = AID_TESTS.index(settings.driving_test)
+        q, reject, dof = (
+            v.reshape(runs, -1)[:, 2 * driver : 2 * driver + 2] for v in (tests.statistic, tests.threshold, tests.dof)
+        )
+        doubt = chi_square.threshold(settings.doubt_probability, dof.astype(np.int64))
+        beta = np.where(used & (dof > 0), propagators.validity(q, doubt, reject), beta)
+    mixture = imm.start(prior.x, prior.P, np.ones(1))
+    fusion = tolerant_fusion.fuse(tolerant_fusion.subset_updates(mixture, y, H, R, layout, valid), beta, q)
+    return Estimate(fusion.x, fusion.P), fusion.alpha

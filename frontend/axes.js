@@ -25,6 +25,7 @@ export function linearAxis(columns, ends, before) {
     low = Math.min(low, -end);
     high = Math.max(high, end);
   }
+  if (low > high && !before) return { range: [-1, 1], values: [], texts: [], type: 'linear' };
   if (low > high) [low, high] = before ?? [-1, 1];
   if (high - low < 1e-12 * Math.max(Math.abs(high), 1e-3)) [low, high] = [low - (Math.abs(low) || 1) * 0.1, high + (Math.abs(high) || 1) * 0.1];
   const fits = before && low >= before[0] && high <= before[1] && high - low > 0.45 * (before[1] - before[0]);

@@ -208,11 +208,16 @@ def _fault_score(
 def _test_score(
     name: str, subject: str, recording: Recording, live: Sequence[Fault], channels: Mapping[str, ChannelAddress]
 ) -> TestScore:
-    """Epochs count until the first fault that can reach the subject; inertial faults reach every sensor's tests."""
+    """Epochs count until the first fault that can reach the subject.
+
+    Inertial faults reach every sensor's tests, and a fault of one instrument the tests of all that share its parity
+    equations (``imu.gyro``): what they then say of the others is no false alarm, be it right or wrong.
+    """
     reached = [
         f.start
         for f in live
-        if f.start is not None and (concerns(subject, channels[f.channel].sensor) or not subject.startswith("imu"))
+        if f.start is not None
+        and (not subject.startswith("imu") or _family(subject) == _family(channels[f.channel].sensor))
     ]
     until = min(reached, default=np.inf)
     n = int(np.searchsorted(recording.time, until - 1e-9))
@@ -223,6 +228,21 @@ def _test_score(
     return TestScore(
         name=name, subject=subject, alarms=count, epochs=tested, false_alarm_rate=count / tested if tested else None
     )
+
+
+def _family(subject: str) -> list[str]:
+    """Instruments of one kind: ``imu.gyro`` of ``imu.gyro.2``."""
+    return subject.split(".")[:2]
+
+
+def _called(description: SystemDescription, subject: str) -> str:
+    """How a person calls a subject: as the subsystem, or as the one thing in the scene that this sensor is."""
+    for subsystem in description.subsystems:
+        if subsystem.name == subject:
+            return subsystem.label
+    own = [channel.name for channel in description.channels if channel.sensor == subject]
+    items = [item.label for item in description.scene if len(own) == 1 and item.channel == own[0]]
+    return items[0] if items else subject
 
 
 def _shown(value: float | None, unit: str) -> float | None:
@@ -277,12 +297,15 @@ def _headline(
     else:
         found = {n: t for n, t in last.time_to_alarm.items() if t is not None}
         order = sorted(found, key=lambda n: found[n])
-        later = "".join(f"; {n} {found[n]:g} s" for n in order[1:3])
-        note = f"{order[0]} test{later}" if order else "not noticed yet"
+        labels = {test.name: test.label for test in description.tests}
+        later = "".join(f"; {labels[n]} {found[n]:g} s" for n in order[1:3])
+        note = f"{labels[order[0]]}{later}" if order else "not noticed yet"
         first = found[order[0]] if order else None
-        items.append(Headline(label="Fault found after", value=first, unit="s", note=note))
-        named = ", ".join(last.isolated) + " named" if last.isolated else "nobody isolated"
-        items.append(Headline(label="Isolated after", value=last.time_to_isolate, unit="s", note=named))
+        which = "Fault" if len({f.start for f in faults}) == 1 else "Last fault"
+        items.append(Headline(label=f"{which} found after", value=first, unit="s", note=note))
+        named = ", ".join(_called(description, s) for s in last.isolated)
+        note = f"{named} named" if named else "nobody isolated"
+        items.append(Headline(label="Isolated after", value=last.time_to_isolate, unit="s", note=note))
     alarms, epochs = sum(t.alarms for t in tests), sum(t.epochs for t in tests)
     items.append(Headline(label="False alarms", value=float(alarms), unit="", note=f"of {epochs} fault-free tests"))
     if len(description.score_headline) > 1 and len(recording):

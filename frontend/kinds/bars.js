@@ -17,7 +17,7 @@ export function drawBars(moment, _frame) {
   const limits = moment.chart.traces.filter((t) => t.role === 'threshold').map((trace) => ({ trace, value: moment.value(trace.signal) })).filter((l) => Number.isFinite(l.value));
   const signed = bars.some((b) => b.value < 0);
   const lines = limits.flatMap((l) => (signed ? [l.value, -l.value] : [l.value]));
-  const axis = linearAxis([Float64Array.of(0, ...bars.map((b) => b.value), ...lines)], [], moment.held);
+  const axis = linearAxis([Float64Array.of(...(bars.length ? [0] : []), ...bars.map((b) => b.value), ...lines)], [], moment.held);
   moment.held = axis.range;
   const ends = [-0.6, Math.max(bars.length, 1) - 0.4];
   const inner = width - LEFT - RIGHT;

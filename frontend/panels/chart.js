@@ -1,11 +1,14 @@
 /** One chart: title, legend that reads out values and switches lines, the drawing, and the table behind it. */
 import { Panel, h, setText, svg } from '../dom.js';
-import { Drawing, MANY, haunted } from '../charts.js';
+import { Drawing, haunted } from '../charts.js';
 import { number, readout, unitText } from '../format.js';
 import { forget, repaint } from '../scheduler.js';
 import { recording } from '../session.js';
 import { store } from '../store.js';
 /** @import {Chart, SystemDescription, Trace} from '../types' */
+
+/** With more lines than this the legend has rows of its own. */
+const ROOMY = 4;
 
 /**
  * Draws a panel only while it can be seen, and again when it changes size.
@@ -50,7 +53,7 @@ export class ChartPanel extends Panel {
   build() {
     if (this.firstChild) return;
     const { chart } = this;
-    this.className = `chart ${chart.scale === 'log' ? 'low' : ''} ${chart.traces.length > MANY ? 'many' : ''}`;
+    this.className = `chart ${chart.scale === 'log' ? 'low' : ''} ${chart.traces.length > ROOMY ? 'many' : ''}`;
     this.setAttribute('role', 'figure');
     this.setAttribute('aria-label', `${chart.title}${unitText(chart.unit) ? `, ${unitText(chart.unit)}` : ''}`);
     this.#legend = h('div', { class: 'legend', role: 'group', 'aria-label': `Lines of ${chart.title}` });

@@ -2,7 +2,7 @@
 import { Panel, fill, h, keyed, setText } from '../dom.js';
 import { MARGIN, loadPlotly } from '../charts.js';
 import { clock, decimalsOf, timeTicks } from '../format.js';
-import { derive } from '../marks.js';
+import { derive, joined } from '../marks.js';
 import { repaint } from '../scheduler.js';
 import { recorded } from '../session.js';
 import { period, store } from '../store.js';
@@ -150,7 +150,8 @@ export class ChartsPanel extends Panel {
     const { events, description, now } = store.get();
     const [from, to] = this.range();
     const { bands, marks } = drawn(derive(events, description).spans, now, (to - from) / 400);
-    drawMarks(this.marks, bands.filter((b) => b.row === 'injected'), marks);
+    // Washes of faults that are live together would add up and drown the lines.
+    drawMarks(this.marks, joined(bands.filter((b) => b.row === 'injected'), 0), marks);
     this.#bands = bands.filter((b) => b.row !== 'injected');
     this.#drawRails();
     drawGlyphs(this.glyphs, marks, look);

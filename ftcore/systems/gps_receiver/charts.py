@@ -64,11 +64,9 @@ def charts() -> list[Chart]:
         _stanford("combined", shown=True),
         _test_chart("snapshot", shown=True),
         _test_chart("innovation", shown=True),
+        _satellite_chart("residuals", "Residuals of the satellites, in σ", "1", "residuals", "residual.snapshot.{}"),
         _satellite_chart(
-            "residuals", "Residuals of the satellites, in sigmas", "1", "residuals", "residual.snapshot.{}"
-        ),
-        _satellite_chart(
-            "innovations", "Innovations of the satellites, in sigmas", "1", "residuals", "residual.innovation.{}"
+            "innovations", "Innovations of the satellites, in σ", "1", "residuals", "residual.innovation.{}"
         ),
         _codes("status", "Status of each solution", "status", STATUS),
         _codes("stanford", "Stanford class of each solution", "stanford", tuple(region.label for region in REGIONS)),
@@ -124,7 +122,7 @@ def _residual_bars() -> Chart:
     limit = Trace(signal="residual.threshold", label="threshold", role="threshold")
     return Chart(
         id="residual-bars",
-        title="Residuals, in sigmas",
+        title="Residuals, in σ",
         unit="1",
         group="residuals",
         kind="bars",

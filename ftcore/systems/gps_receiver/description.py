@@ -117,24 +117,24 @@ def _blocks() -> list[Block]:
     levels = ("alert_limit", "protection", "missed_detection_probability")
     return [
         Block(
-            id="satellites", label="Satellites", kind="sensor", x=1, y=27, width=19, height=13, sensor="gps",
+            id="satellites", label="Satellites", kind="sensor", x=1, y=27, width=20, height=13, sensor="gps",
             subsystem="gps",
         ),
-        Block(id="snapshot-test", label="Snapshot test", kind="test", x=26, y=3, width=22, height=12, settings=tests),
+        Block(id="snapshot-test", label="Snapshot test", kind="test", x=24, y=3, width=25, height=12, settings=tests),
         Block(id="snapshot", label="Snapshot", kind="computer", x=78, y=3, width=21, height=12),
         Block(
-            id="innovation-test", label="Innovation test", kind="test", x=26, y=27, width=22, height=13, settings=tests
+            id="innovation-test", label="Innovation test", kind="test", x=24, y=27, width=25, height=13, settings=tests
         ),
         Block(
-            id="combination", label="Combination", kind="supervisor", x=53, y=20, width=20, height=14,
+            id="combination", label="Combination", kind="supervisor", x=52, y=20, width=23, height=14,
             settings=("combination", "confirm", "within", "hold_off"),
         ),
         Block(
             id="combined", label="Combined", kind="master", x=78, y=20, width=21, height=12, settings=("reset_after",)
         ),
-        Block(id="filter", label="Filter", kind="filter", x=53, y=38, width=20, height=11),
+        Block(id="filter", label="Filter", kind="filter", x=52, y=38, width=23, height=11),
         Block(id="protection", label="Protection", kind="test", x=78, y=36, width=21, height=13, settings=levels),
-        Block(id="unprotected", label="Unprotected", kind="filter", x=53, y=54, width=20, height=11),
+        Block(id="unprotected", label="Unprotected", kind="filter", x=52, y=54, width=23, height=11),
     ]  # fmt: skip
 
 

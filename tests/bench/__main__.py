@@ -16,7 +16,7 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from ftcore import catalogue
-from tests.bench import covariance, flights, inertial, parts
+from tests.bench import covariance, flights, inertial, integrated, parts
 from tests.bench.measure import Figure
 
 
@@ -25,8 +25,13 @@ def measured(console: Console) -> tuple[list[Figure], dict[str, dict[str, tuple[
     found: list[Figure] = []
     by_part = {}
     with Progress(console=console, transient=True) as progress, threadpool_limits(1):
-        task = progress.add_task("measuring", total=3 + len(catalogue.systems()))
-        for take in (lambda: flights.figures(2), lambda: covariance.figures(9), lambda: inertial.figures(5)):
+        task = progress.add_task("measuring", total=4 + len(catalogue.systems()))
+        for take in (
+            lambda: flights.figures(2),
+            lambda: covariance.figures(9),
+            lambda: inertial.figures(5),
+            lambda: integrated.figures(3),
+        ):
             found += take()
             progress.advance(task)
         for system in catalogue.systems():

@@ -14,7 +14,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from ftcore import Scenario, Simulation, catalogue
-from tests.bench import covariance, flights
+from tests.bench import covariance, flights, integrated
 from tests.bench.measure import seconds
 
 ROUNDS = 4
@@ -98,3 +98,27 @@ def test_given_100_runs_then_the_covariance_cycle_has_five_times_the_throughput_
             ours, theirs = min(ours, again[0]), min(theirs, again[1])
     print(f"{theirs / ours:.2f} times filterpy: {1e4 * ours:.1f} and {1e4 * theirs:.1f} us a run")
     assert theirs / ours >= covariance.AGAINST_FILTERPY
+
+
+def test_given_the_same_imu_data_then_all_of_it_flies_five_times_faster_than_the_15_state_filter_of_pyins() -> None:
+    here, there, apart = integrated.compare(tries=5)
+    for _ in range(2):
+        if there / here < integrated.AGAINST_PYINS:
+            again = integrated.compare(tries=5)
+            here, there = min(here, again[0]), min(there, again[1])
+    print(f"{there / here:.2f} times pyins; {1e3 * here / integrated.SECONDS:.2f} ms a second of flight")
+    assert apart < 5.0, "both know where they are: GPS is good to 3 m"
+    assert there / here >= integrated.AGAINST_PYINS
+
+
+def test_given_50_runs_of_the_imm_system_then_they_cost_8_single_ones_at_most() -> None:
+    one, many = integrated.batch(tries=4)
+    print(f"{integrated.BATCH} runs cost {many / one:.1f} single ones")
+    assert many / one <= integrated.COST_OF_A_BATCH
+
+
+@pytest.mark.long
+def test_given_an_hour_with_everything_on_then_it_takes_18_s_of_one_core() -> None:
+    best = min(integrated.hour() for _ in range(2))
+    print(f"one hour: {best:.1f} s")
+    assert best <= integrated.HOUR

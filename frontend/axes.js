@@ -49,7 +49,7 @@ export function stackAxis(columns, before) {
 
 /** Words for the numbers 0, 1, 2 ... @param {readonly string[]} levels @returns {Axis} */
 export function levelAxis(levels) {
-  return { range: [-0.35, levels.length - 0.35], values: levels.map((_, i) => i), texts: [...levels], type: 'linear' };
+  return { range: [-0.35, levels.length - 0.1], values: levels.map((_, i) => i), texts: levels.map(() => ''), type: 'linear' };
 }
 
 /** @param {number} low @param {number} high @returns {[number, number]} */

@@ -119,6 +119,7 @@ export class Drawing {
     }
     const axis = this.#axis(extents, ends);
     this.#yRange = axis.range;
+    if (this.chart.levels.length) data.push(named(this.chart.levels, frame.range[0]));
     this.#revision += 1;
     void window.Plotly.react(this.host, data, this.#layout(frame, axis, width, height), { staticPlot: true, displayModeBar: false });
   }
@@ -148,7 +149,7 @@ export class Drawing {
       paper_bgcolor: 'rgba(0,0,0,0)', plot_bgcolor: 'rgba(0,0,0,0)', showlegend: false, hovermode: false, dragmode: false,
       datarevision: this.#revision, uirevision: this.chart.id, font: { family: 'system-ui, "DejaVu Sans", sans-serif', size: 10.5, color: color('dim') },
       xaxis: { ...grid, range: frame.range, tickmode: 'array', tickvals: timeTicks(...frame.range, 10), showticklabels: false },
-      yaxis: { ...grid, type: axis.type, range: axis.range, tickmode: 'array', tickvals: axis.values, ticktext: axis.texts, ...(this.chart.levels.length ? { ticklabelposition: 'inside top' } : {}) },
+      yaxis: { ...grid, type: axis.type, range: axis.range, tickmode: 'array', tickvals: axis.values, ticktext: axis.texts },
     };
   }
 
@@ -161,6 +162,14 @@ export class Drawing {
 export function haunted(traces) {
   const guarded = traces.filter((t) => t.role === 'protected');
   return guarded.length ? guarded : traces.filter((t) => t.role !== 'threshold' && t.role !== 'weight');
+}
+
+/** Words of levels, inside the chart: beside it there is room for numbers only. @param {readonly string[]} levels @param {number} from */
+function named(levels, from) {
+  return {
+    type: 'scatter', mode: 'text', x: levels.map(() => from), y: levels.map((_, i) => i + 2 * BESIDE), text: levels.map((word) => ` ${word}`),
+    textposition: 'top right', textfont: { size: 10.5, color: color('dim') },
+  };
 }
 
 /** @param {Float64Array} x @param {Float64Array} y @param {import('./traces.js').Style & {shape?: string}} look */

@@ -25,9 +25,7 @@ def gather(simulation: Simulation, title: str) -> dict[str, Any]:
     shown = {signal.name: signal for signal in description.signals}
     charts = []
     for chart in description.charts:
-        names = [trace.signal for trace in chart.traces]
-        names += [trace.sigma for trace in chart.traces if trace.sigma is not None]
-        found = series.columns(simulation, list(dict.fromkeys(names)), points=POINTS)
+        found = series.columns(simulation, list(chart.signals()), points=POINTS)
         columns = {name: values / units.factor(shown[name].unit) for name, values in found.signals.items()}
         charts.append(chart.model_dump(mode="json") | {"time": found.time, "columns": columns})
     operator = [event for event in simulation.events if event.run <= 0]

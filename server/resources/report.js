@@ -47,7 +47,7 @@
   table($('estimators'), 'Estimators (SI; root mean square, worst)', ['estimator', 'position', 'velocity', 'attitude', 'NEES'],
     Object.entries(score.estimators ?? {}).map(([name, e]) => [facts.estimators[name] ?? name, ...['position', 'velocity', 'attitude'].map((q) => `${say(e[q]?.rms)}, ${say(e[q]?.worst)}`), `${say(e.nees)}${e.nees_dof ? ` of ${e.nees_dof}` : ''}`]));
   table($('tests'), 'Alarms while nothing was wrong', ['test', 'subject', 'alarms', 'epochs', 'rate'],
-    (score.tests ?? []).map((t) => [t.name, t.subject, t.alarms, t.epochs, say(t.false_alarm_rate)]));
+    (score.tests ?? []).filter((t) => t.epochs > 0).map((t) => [t.name, t.subject, t.alarms, t.epochs, say(t.false_alarm_rate)]));
 
   const COLOURS = { protected: ['#0072b2'], unprotected: ['#5b6168'], statistic: ['#0072b2'], threshold: ['#1d1f21'], local: ['#b35c00', '#00734f', '#9a3f74'], component: ['#0072b2', '#b35c00', '#00734f', '#9a3f74', '#56b4e9', '#8a7400'], weight: ['#0072b2', '#b35c00', '#00734f', '#9a3f74'] };
   const DASHES = { local: ['dash', 'dashdot', 'longdash'], unprotected: ['dot'], threshold: ['longdash'] };
@@ -60,10 +60,48 @@
   for (const f of score.faults ?? []) marks.push({ type: 'rect', xref: 'x', yref: 'paper', x0: f.start, x1: f.end ?? facts.time, y0: 0, y1: 1, fillcolor: '#d55e00', opacity: 0.08, line: { width: 0 } });
   $('legend').textContent = 'Shaded: a fault is live. Dashed line: isolated. Dotted line: re-admitted. Band: 3 sigma.';
 
+  const last = (column) => (column ?? []).reduce((kept, value) => value ?? kept, null);
+  const told = (chart) => chart.traces.filter((trace) => (chart.columns[trace.signal] ?? []).some((value) => value !== null));
+  const SHADE = { ok: '#00734f', suspect: '#d8b300', faulted: '#d55e00', isolated: '#9a3f74', off: '#5b6168' };
+  // Charts of one moment show the last one, and a plane of signals shows all.
+  const MOMENTS = {
+    sky: (chart) => ({
+      data: [{ type: 'scatterpolar', mode: 'markers+text', textposition: 'middle right', marker: { color: '#0072b2', size: 8 }, text: told(chart).map((t) => t.label),
+        r: told(chart).map((t) => 90 - last(chart.columns[t.signal])), theta: told(chart).map((t) => last(chart.columns[t.across])) }],
+      layout: { polar: { angularaxis: { direction: 'clockwise', rotation: 90, tickvals: [0, 90, 180, 270], ticktext: ['N', 'E', 'S', 'W'] }, radialaxis: { range: [0, 90], tickvals: [30, 60], ticktext: ['60°', '30°'] } } },
+    }),
+    bars: (chart) => ({
+      data: [{ type: 'bar', x: told(chart).filter((t) => t.role !== 'threshold').map((t) => t.label), y: told(chart).filter((t) => t.role !== 'threshold').map((t) => last(chart.columns[t.signal])), marker: { color: '#0072b2' } }],
+      layout: { shapes: told(chart).filter((t) => t.role === 'threshold').flatMap((t) => [1, -1].map((sign) => ({ type: 'line', xref: 'paper', x0: 0, x1: 1, y0: sign * last(chart.columns[t.signal]), y1: sign * last(chart.columns[t.signal]), line: { dash: 'dash', width: 1 } }))) },
+    }),
+    xy: (chart) => {
+      const limit = last(chart.columns[chart.limit]);
+      const values = chart.traces.flatMap((t) => [...(chart.columns[t.signal] ?? []), ...(chart.columns[t.across] ?? [])]).filter((v) => v !== null);
+      const end = limit === null ? null : Math.min(2.5 * limit, Math.max(1.3 * limit, 1.05 * values.reduce((most, v) => Math.max(most, v), 0)));
+      const at = { zero: 0, limit, end };
+      const range = end === null ? {} : { range: [0, end] };
+      return {
+        data: chart.traces.map((t) => ({ mode: 'markers', name: t.label, x: chart.columns[t.across], y: chart.columns[t.signal], marker: { size: 4, color: '#0072b2' } })),
+        layout: {
+          xaxis: { title: { text: chart.across }, ...range }, yaxis: { title: { text: chart.upward }, ...range },
+          shapes: limit === null ? [] : chart.regions.map((r) => ({ type: 'path', layer: 'below', path: `M${r.corners.map(([x, y]) => `${at[x]} ${at[y]}`).join('L')}Z`, fillcolor: SHADE[r.health], opacity: 0.14, line: { width: 0 } })),
+          annotations: limit === null ? [] : chart.regions.map((r) => ({ text: r.label, showarrow: false, x: r.corners.reduce((s, [x]) => s + at[x], 0) / r.corners.length, y: r.corners.reduce((s, [, y]) => s + at[y], 0) / r.corners.length })),
+        },
+      };
+    },
+  };
+
   function draw(box, chart) {
+    if (MOMENTS[chart.kind]) {
+      const { data, layout } = MOMENTS[chart.kind](chart);
+      Plotly.newPlot(box, data, {
+        margin: { l: 60, r: 12, t: 34, b: 40 }, title: { text: `${chart.title}${chart.kind === 'xy' ? '' : ', at the end'}`, font: { size: 13 }, x: 0, xanchor: 'left' }, font: { family: 'system-ui, sans-serif', size: 11 }, showlegend: false, ...layout,
+      }, { responsive: true, displaylogo: false });
+      return;
+    }
     const used = {};
     const traces = [];
-    for (const trace of chart.traces) {
+    for (const trace of told(chart)) {
       const nth = (used[trace.role] = (used[trace.role] ?? -1) + 1);
       const colours = COLOURS[trace.role] ?? COLOURS.component;
       const dashes = DASHES[trace.role] ?? ['solid'];
@@ -73,12 +111,12 @@
         const edge = { x: chart.time, mode: 'lines', line: { width: 0 }, hoverinfo: 'skip', showlegend: false };
         traces.push({ ...edge, y: three.map((v) => (v === null ? null : -v)) }, { ...edge, y: three, fill: 'tonexty', fillcolor: `${color}22` });
       }
-      traces.push({ x: chart.time, y: chart.columns[trace.signal], name: trace.label, mode: 'lines', stackgroup: chart.stacked ? 'all' : undefined, line: { color, width: trace.role === 'protected' ? 1.8 : 1.1, dash: dashes[nth % dashes.length] } });
+      traces.push({ x: chart.time, y: chart.columns[trace.signal], name: trace.label, mode: 'lines', stackgroup: chart.stacked ? 'all' : undefined, line: { color, width: trace.role === 'protected' ? 1.8 : 1.1, dash: dashes[nth % dashes.length], shape: chart.levels.length ? 'hv' : 'linear' } });
     }
     const axis = { gridcolor: '#e6e8ea', zerolinecolor: '#d5d8dc' };
     Plotly.newPlot(box, traces, {
       margin: { l: 60, r: 12, t: 30, b: 34 }, title: { text: chart.title, font: { size: 13 }, x: 0, xanchor: 'left' }, font: { family: 'system-ui, sans-serif', size: 11 },
-      xaxis: { ...axis, title: { text: 's' } }, yaxis: { ...axis, type: chart.scale, title: { text: chart.unit === '1' ? '' : chart.unit } },
+      xaxis: { ...axis, title: { text: 's' } }, yaxis: { ...axis, type: chart.scale, ...(chart.levels.length ? { tickvals: chart.levels.map((_, i) => i), ticktext: chart.levels } : {}), title: { text: chart.unit === '1' ? '' : chart.unit } },
       legend: { orientation: 'h', y: 1.13, x: 1, xanchor: 'right' }, shapes: marks, hovermode: 'x unified',
     }, { responsive: true, displaylogo: false });
   }

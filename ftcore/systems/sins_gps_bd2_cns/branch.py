@@ -10,29 +10,37 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.detection import chi_square, propagators
+from ftcore.detection import chi_square, propagators, recovery
 from ftcore.detection.chi_square import Propagators
 from ftcore.detection.propagators import SubsystemTests
+from ftcore.detection.recovery import Standoff
 from ftcore.estimation import imm, tolerant_fusion
 from ftcore.estimation.imm import Mixture
-from ftcore.estimation.tolerant_fusion import Fusion, Layout, SubsetUpdates
+from ftcore.estimation.tolerant_fusion import Drives, Fusion, Layout, SubsetUpdates
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_bd2_cns.forms import Settings
 from ftcore.systems.sins_gps_bd2_cns.names import AIDS
 
 Array = NDArray[np.float64]
 LAYOUT = Layout(tuple(AIDS), (3, 3, 3))
-RESCUE_WINDOW = 20
-"""Epochs over which GPS and BD2 must agree against the reference before they are believed."""
 
 
 @dataclass(frozen=True)
 class Branch:
-    """What a fault-tolerant filter carries: mixture, propagators, and seconds since each reset ``(runs, 2)``."""
+    """What a fault-tolerant filter carries.
+
+    Attributes:
+        mixture, pair: the models, and the two propagators.
+        watch: what is remembered of GPS and BD2 against each other.
+        age: seconds since each propagator was reset ``(runs, 2)``.
+        known: logarithms of the model probabilities of the last epoch ``(runs, models)``, before their transition.
+    """
 
     mixture: Mixture
     pair: Propagators
+    watch: Standoff
     age: Array
+    known: Array
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,9 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
     return Branch(
         imm.start(x, P, mu),
         chi_square.start_propagators(x, P),
+        recovery.start_standoff(runs, LAYOUT),
         np.zeros((runs, 2)),
+        np.broadcast_to(np.log(mu), (runs, len(mu))),
     )
 
 
@@ -82,29 +92,44 @@ def predict(branch: Branch, Phi: Array, Q: Array, transition: Array) -> Branch:
     return replace(branch, mixture=prior, pair=propagators.carry(branch.pair, Phi, Q, prior.mu), age=branch.age + 1.0)
 
 
-def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool) -> tuple[Branch, Examined]:
-    """Test every aid against the reference; ``shadows``: make the state form too where it does not drive."""
+def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool, recovers: bool) -> tuple[Branch, Examined]:
+    """Test every aid against the reference.
+
+    ``shadows``: make the state form too where it does not drive. ``recovers``: whether GPS and BD2 may be believed
+    against the reference.
+    """
     bounds = settings.doubt_probability, settings.false_alarm_probability
     innovation = propagators.innovation_tests(branch.pair, m.y, m.H, m.R, LAYOUT, m.valid, *bounds)
     updates = tolerant_fusion.subset_updates(branch.mixture, m.y, m.H, m.R, LAYOUT, m.valid)
     by_state = settings.driving_test == "two-propagator-state"
     state = None
     if shadows or by_state:
-        state = propagators.state_tests(branch.pair, updates, m.H, *bounds)
+        state = propagators.state_tests(branch.pair, updates, *bounds)
     driving = state if by_state and state is not None else innovation
-    believed = np.zeros_like(driving.present)
+    watch, believed = recovery.stand_off(branch.watch, m.y, m.R, driving.beta, LAYOUT, m.valid)
     beta = driving.present.astype(float)
+    if settings.driving_test == "none" or not recovers:
+        believed = np.zeros_like(believed)
     if settings.driving_test != "none":
         beta = np.where(believed, 1.0, driving.beta)
-    return branch, Examined(innovation, state, driving, believed, beta, updates)
+    if believed.any():
+        prior = recovery.widen(branch.mixture, m.y, m.H, LAYOUT, believed)
+        updates = tolerant_fusion.subset_updates(prior, m.y, m.H, m.R, LAYOUT, m.valid)
+    return replace(branch, watch=watch), Examined(innovation, state, driving, believed, beta, updates)
 
 
 def fuse(branch: Branch, examined: Examined, beta: Array, settings: Settings) -> tuple[Branch, Fusion]:
     """Fuse the subsets of aids with the validities ``beta (runs, 3)``; where two were believed against the reference,
     the propagators restart from the result."""
-    fusion = tolerant_fusion.fuse(examined.updates, beta, examined.driving.q, settings.mode_driver)
+    drives: Drives = "smallest" if settings.mode_driver == "smallest" else "accepted"
+    fusion = tolerant_fusion.fuse(examined.updates, beta, examined.driving.q, drives)
+    mixture = fusion.mixture
+    known = mixture.log_mu
+    if settings.mode_driver == "held":
+        known = np.where(fusion.driver[:, None] >= 0, mixture.log_mu, branch.known)
+        mixture = replace(mixture, log_mu=known)
     rescued = np.asarray(examined.believed.any(axis=1))
-    return renew(replace(branch, mixture=fusion.mixture), fusion.x, fusion.P, rescued), fusion
+    return renew(replace(branch, mixture=mixture, known=known), fusion.x, fusion.P, rescued), fusion
 
 
 def renew(branch: Branch, x: Array, P: Array, where: Flags) -> Branch:

@@ -110,6 +110,17 @@ class Models(Form):
         0.98, "1", "probability that a model stays in effect from one second to the next", 0.5, 0.9999, PAPER
     )
     start_large: float = quantity(0.1, "1", "probability of Q_large at the start", 0.0, 1.0, PAPER)
+    accelerometer_start: float = quantity(
+        300.0,
+        "ug",
+        "accelerometer bias that P(0) allows for, 1-sigma: 1 g times 300 ppm looks like 300 ug of bias; "
+        "Table 1's 60 ug alone rejects both satellite systems in the first minutes of some flights",
+        0.01,
+        1e6,
+    )
+    bias_instability: float = quantity(
+        1.0, "1", "part of Table 1's biases that wanders in flight: 1-sigma of the Gauss-Markov process", 0.0, 10.0
+    )
     bias_time: float = quantity(3600.0, "s", "time constant tau of the biases' Gauss-Markov process", 10.0, 1e7)
 
 
@@ -148,14 +159,28 @@ class Settings(Supervised):
         description="q below this quantile has weight 1; 10 % is the paper's 6.25",
         json_schema_extra={"unit": "1", "source": PAPER},
     )
-    mode_driver: Literal["smallest", "accepted"] = Field(
+    mode_driver: Literal["smallest", "accepted", "held"] = Field(
         default="smallest",
         title="Model probabilities by",
-        description="smallest: the aid with the smallest q updates them (002); accepted: only one that is not rejected",
+        description="smallest: the aid with the smallest q updates them, rejected or not (002); accepted: only one "
+        "that is not rejected, else the transition matrix alone; held: the same, but they stay while all are rejected",
+    )
+    exclusion: Literal["weights", "isolation"] = Field(
+        default="weights",
+        title="Exclusion",
+        description="weights: q of each second alone weighs an aid (002), so a faulty one slips in now and then; "
+        "isolation: one that the supervisor has isolated has no weight until it is readmitted",
     )
     confirm: int = CONFIRM
     within: int = WITHIN
     hold_off: int = hold_off(5, "epochs in a row without an alarm before re-admission")
+    recovery: Literal["fused", "both", "none"] = Field(
+        default="fused",
+        title="Recovery",
+        description="GPS and BD2 are believed again when both are rejected but agree with each other: then the "
+        "reference is wrong. 002 has no way out of a wrong reference; fused: only the filter with IMM has one, both: "
+        "the one without IMM too",
+    )
     propagator_period: int = Field(
         default=30,
         ge=2,

@@ -40,6 +40,7 @@ from ftcore.systems.sins_gps_doppler.imu import ImuEpoch as RedundantEpoch
 Array = NDArray[np.float64]
 N = ins_error.CORE_STATES
 BIASES = slice(9, 15)
+DECAYING = np.arange(9, 15)
 WITHOUT_IMM = np.ones((1, 1))
 """The transition matrix of a filter with one model."""
 
@@ -125,8 +126,8 @@ class Navigator:
 
         measured = self._measure(ins, readings, controls)
         m, m_u = measured[0], measured[-1]
-        main, examined = fault_tolerant.examine(main, m, settings, shadows=True)
-        conventional, plain = fault_tolerant.examine(conventional, m, settings, shadows=False)
+        main, examined = fault_tolerant.examine(main, m, settings, True, settings.recovery != "none")
+        conventional, plain = fault_tolerant.examine(conventional, m, settings, False, settings.recovery == "both")
         conventional, plain_fusion = fault_tolerant.fuse(conventional, plain, plain.beta, settings)
         unprotected = imm.update(unprotected, m_u.y, m_u.H, m_u.R, m_u.valid)[0]
         alone = self._update_alone(alone, m)
@@ -140,8 +141,11 @@ class Navigator:
             federation = federated_master.step(federation, Phi[:, 0], noise, m, decision, settings)
             fused = federation.fused
         else:
-            main, fusion = fault_tolerant.fuse(main, examined, examined.beta, settings)
-            used = (examined.beta > 0.0) & examined.driving.present
+            beta = examined.beta
+            if settings.exclusion == "isolation":
+                beta = np.where(decision.isolated & ~examined.believed, 0.0, beta)
+            main, fusion = fault_tolerant.fuse(main, examined, beta, settings)
+            used = (beta > 0.0) & examined.driving.present
             fused = Estimate(fusion.x, fusion.P)
 
         turned, corrected = state.turned + 1, state.corrected + 1
@@ -183,7 +187,7 @@ class Navigator:
         f_b = (imu.f_b - bias[:, :, None, 3:]).reshape(runs * S, samples, 3)
         ins, interval = propagate(ins, omega_b, f_b, EPOCH / samples)
         F = ins_error.core_matrix(interval.lla, interval.v_n, interval.f_n, interval.C_nb)
-        F[:, BIASES, BIASES] = -1.0 / m.bias_time
+        F[:, DECAYING, DECAYING] = -1.0 / m.bias_time
         Phi = ins_error.transition(F, EPOCH)
         Q = ins_error.process_noise(F, self._density(interval, imu.noise), EPOCH)
         shape = (runs, S, N, N)
@@ -201,7 +205,7 @@ class Navigator:
             level = C @ body.reshape(count, 2, 3, 3) @ C.swapaxes(-1, -2)
         Qc[:, ins_error.ATTITUDE, ins_error.ATTITUDE] = m.noise_scale * level[:, 0]
         Qc[:, ins_error.VELOCITY, ins_error.VELOCITY] = m.noise_scale * level[:, 1]
-        walk = m.noise_scale * 2.0 / m.bias_time * self._imu.bias_covariance()
+        walk = m.noise_scale * m.bias_instability**2 * 2.0 / m.bias_time * self._imu.bias_covariance()
         Qc[:, ins_error.GYRO, ins_error.GYRO] = walk[0]
         Qc[:, ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] = walk[1]
         return Qc
@@ -274,7 +278,8 @@ class Navigator:
         P0 = np.diag(np.maximum(sigma, floor) ** 2)
         body = self._imu.bias_covariance()
         P0[ins_error.GYRO, ins_error.GYRO] += body[0]
-        P0[ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] += body[1]
+        start = units.to_si(self._p.models.accelerometer_start, "ug") / max(self._imu.bias[1], 1e-12)
+        P0[ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] += start**2 * body[1]
         return P0
 
     def _detail(

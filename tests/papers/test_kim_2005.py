@@ -156,3 +156,15 @@ def test_with_a_model_too_far_off_the_ukf_blames_the_innocent():
     found = isolations(sim)
     assert sum((run, 3) in found for run in range(8)) >= 6
     assert any(e.kind == "isolation.ambiguous" for e in sim.events)
+
+
+def test_on_jsbsims_aircraft_gyro_1_is_named_and_the_path_kept_as_well():
+    pytest.importorskip("jsbsim", reason="jsbsim is not installed")
+    sim = fly("kim-2005-jsbsim")
+    found = isolations(sim)
+    assert set(found) == {(run, 1) for run in range(RUNS)}
+    assert max(found.values()) <= 1.1
+    assert sim["protected.distance"].max() < 15.0
+    assert sim["unprotected.distance"][-1].min() > 300.0
+    judged = np.isfinite(sim["test.ukf.imu.gyro.3.statistic"][52:])
+    assert sim["test.ukf.imu.gyro.3.alarm"][52:][judged].mean() < 0.01

@@ -39,11 +39,12 @@ class RedundantImu:
         )
 
     def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
-        """Put the system together for ``duration`` seconds. Raises ValueError for a mission that cannot be flown."""
+        """Put the system together for ``duration`` seconds. Raises JsbsimError where JSBSim is asked for and cannot."""
         import math
 
         from ftcore.detection.geometry import three_two_dof
-        from ftcore.systems.redundant_imu.flight import augmentation, mission
+        from ftcore.systems.redundant_imu.flight import Augmentation, augmentation, mission
+        from ftcore.systems.redundant_imu.jsbsim_plant import JsbsimPlant, StickLaw
         from ftcore.systems.redundant_imu.model import flight_model
         from ftcore.systems.redundant_imu.navigator import Navigator
         from ftcore.systems.redundant_imu.plant import Plant
@@ -53,14 +54,13 @@ class RedundantImu:
         p: Parameters = parameters
         cluster = three_two_dof(*(math.radians(angle) for angle in p.gyros.mounting))
         believed = f16()
-        plant = Plant(p, cluster.H, noise)
+        wanted = mission(believed, p.flight, duration)
+        plant: Plant | JsbsimPlant
+        law: Augmentation | StickLaw
+        if p.plant == "jsbsim":
+            plant, law = JsbsimPlant(p, cluster.H, noise), StickLaw(wanted)
+        else:
+            plant, law = Plant(p, cluster.H, noise), augmentation(believed, p.flight, wanted)
         alignment = plant.alignment()
-        navigator = Navigator(
-            p,
-            cluster,
-            flight_model(believed),
-            mission(believed, p.flight, duration),
-            augmentation(believed, p.flight),
-            alignment,
-        )
+        navigator = Navigator(p, cluster, flight_model(believed), law, alignment)
         return Assembly(plant, navigator, Reporter(cluster, p.gyros.noise, alignment[0]), TESTS, SUBJECTS)

@@ -82,15 +82,29 @@ def mission(aircraft: Aircraft, f: Flight, duration: float) -> Mission:
     return Mission(states, controls)
 
 
-def augmentation(aircraft: Aircraft, f: Flight) -> Array:
-    """Gain (4, 10) of the linear quadratic regulator about the first leg."""
-    return f16.regulator(aircraft, trims(aircraft, f)[0], STATE_SCALE, CONTROL_SCALE)
+def augmentation(aircraft: Aircraft, f: Flight, wanted: Mission) -> Augmentation:
+    """The linear quadratic regulator about the first leg, gain (4, 10), on the way through a mission."""
+    return Augmentation(wanted, f16.regulator(aircraft, trims(aircraft, f)[0], STATE_SCALE, CONTROL_SCALE))
 
 
-def controls(wanted: Mission, gain: Array, epoch: int, states: Array) -> Array:
-    """Controls (..., 4) for measured states (..., 10) in the order of REGULATED."""
-    x, u = wanted.at(epoch)
-    return np.asarray(np.clip(u - np.matvec(gain, states - x), f16.CONTROL_MIN, f16.CONTROL_MAX))
+@dataclass(frozen=True, eq=False)
+class Augmentation:
+    """Mission and stability augmentation: controls ``(..., 4)`` from measured states ``(..., 10)`` as in REGULATED."""
+
+    mission: Mission
+    gain: Array
+
+    def __call__(self, epoch: int, states: Array) -> Array:
+        """Controls at an epoch, within their stops."""
+        x, u = self.mission.at(epoch)
+        return np.asarray(np.clip(u - np.matvec(self.gain, states - x), f16.CONTROL_MIN, f16.CONTROL_MAX))
+
+
+def path_angle(states: Array) -> Array:
+    """Angle (...) [rad] at which the flight path climbs, of states ``(..., 10)`` as in REGULATED."""
+    a, b, roll, pitch = (states[..., _PLACE[angle]] for angle in (S.ALPHA, S.BETA, S.ROLL, S.PITCH))
+    across = np.sin(b) * np.sin(roll) + np.sin(a) * np.cos(b) * np.cos(roll)
+    return np.asarray(np.arcsin(np.clip(np.cos(a) * np.cos(b) * np.sin(pitch) - across * np.cos(pitch), -1.0, 1.0)))
 
 
 _steady = lru_cache(maxsize=256)(f16.trim)

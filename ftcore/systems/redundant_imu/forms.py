@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal, NoReturn
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -79,6 +79,14 @@ class Trust(Form):
 class Parameters(Form):
     """Fixed when the flight starts."""
 
+    plant: Literal["stevens-lewis", "jsbsim"] = Field(
+        default="stevens-lewis",
+        title="Aircraft that flies",
+        description="stevens-lewis: the published F-16, on stability augmentation by LQR; jsbsim: JSBSim's F-16 under "
+        "its own control laws, each run by itself (needs the package jsbsim, ftlab[jsbsim]). The UKF believes in the "
+        "published one",
+        json_schema_extra={"source": "FTLab default"},
+    )
     flight: Flight = Flight()
     gyros: Gyros = Gyros()
     air_data: AirData = AirData()
@@ -92,13 +100,20 @@ class Parameters(Form):
                 try:
                     trims(aircraft, self.flight, (leg,))
                 except ValueError as error:
-                    reason = ValueError(f"the aircraft {whose} cannot fly this: {error}")
-                    where: Any = ("flight", "legs", k)
-                    raise ValidationError.from_exception_data(
-                        type(self).__name__,
-                        [{"type": "value_error", "loc": where, "input": leg.model_dump(), "ctx": {"error": reason}}],
-                    ) from None
+                    self._refuse(("flight", "legs", k), f"the aircraft {whose} cannot fly this: {error}")
+        if self.plant == "jsbsim":
+            if self.mismatch != Mismatch():
+                self._refuse(("mismatch",), "JSBSim's aircraft is as it is: with plant jsbsim leave mismatch out")
+            if self.flight.legs[0].bank != 0.0:
+                self._refuse(("flight", "legs", 0, "bank"), "JSBSim begins with wings level: the first leg's bank is 0")
         return self
+
+    def _refuse(self, where: tuple[str | int, ...], why: str) -> NoReturn:
+        """Raise pydantic's ValidationError at a place below these parameters."""
+        raise ValidationError.from_exception_data(
+            type(self).__name__,
+            [{"type": "value_error", "loc": where, "input": None, "ctx": {"error": ValueError(why)}}],
+        )
 
     def flown(self) -> Aircraft:
         """The aircraft that flies."""

@@ -7,6 +7,7 @@ the UKF where these do not see all directions; attitudes are carried on; the con
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +20,6 @@ from ftcore.rotation import matrix_to_rpy, rotvec_to_matrix, rpy_to_matrix
 from ftcore.systems.base import Controls, Flags, Notice, Output
 from ftcore.systems.redundant_imu import fdi
 from ftcore.systems.redundant_imu.analytic import AnalyticRedundancy, Episode, Moment
-from ftcore.systems.redundant_imu.flight import Mission
-from ftcore.systems.redundant_imu.flight import controls as control_law
 from ftcore.systems.redundant_imu.forms import Parameters, Settings
 from ftcore.systems.redundant_imu.model import ATTITUDE, RATES, FlightModel
 from ftcore.systems.redundant_imu.names import AIR, AIR_DATA, AIRCRAFT, EPOCH, GYRO, INSTRUMENTS, PROTECTED, SUBJECTS
@@ -37,7 +36,7 @@ class NavigatorState:
     Attributes:
         C_nb, rates: attitude and the rates last handed to the control law.
         air: last valid air data: airspeed, angles of attack and sideslip, height.
-        power, u: engine power and controls.
+        power, u: engine power and controls, as far as the model of the UKF has them.
         supervisor: of the three gyros.
         episode: analytic redundancy.
         undecided: ``(runs,)`` epochs in a row in which the UKF could not tell who of the suspects it is.
@@ -61,7 +60,7 @@ class Navigator:
         p: parameters.
         cluster: geometry of the gyros.
         model: what the UKF believes of the aircraft.
-        mission, gain: what is wanted, and the regulator.
+        law: commands ``(runs, aircraft, 4)`` at an epoch, for measured states ``(runs, aircraft, 10)``.
         alignment: states ``(runs, aircraft, 13)`` and controls ``(runs, aircraft, 4)`` at the start.
     """
 
@@ -70,11 +69,10 @@ class Navigator:
         p: Parameters,
         cluster: Cluster,
         model: FlightModel,
-        mission: Mission,
-        gain: Array,
+        law: Callable[[int, Array], Array],
         alignment: tuple[Array, Array],
     ) -> None:
-        self._cluster, self._model, self._mission, self._gain = cluster, model, mission, gain
+        self._cluster, self._model, self._law = cluster, model, law
         self._x0, self._u0 = alignment
         self._runs = len(self._x0)
         self._noise = p.gyros.noise
@@ -110,6 +108,8 @@ class Navigator:
         m, present = self._gyros(readings)
         fresh, air_valid = self._air(readings, controls)
         air = np.where(air_valid, fresh, state.air)
+        surfaces = readings.aiding.get("surfaces")
+        state = state if surfaces is None else self._as_set(state, surfaces)
         power = self._model.spool(state.power, state.u)
         mine, there = m[:, PROTECTED], present[:, PROTECTED]
         y = np.concatenate([mine, air[:, PROTECTED]], axis=-1)
@@ -174,7 +174,8 @@ class Navigator:
             )
         x = _modelled(air, rpy[..., :2], rates)
         epoch = state.epoch + 1
-        u = control_law(self._mission, self._gain, epoch, np.concatenate([x, power[..., None]], axis=-1))
+        command = self._law(epoch, np.concatenate([x, power[..., None]], axis=-1))
+        u = command if surfaces is None else np.concatenate([command[..., :1], surfaces], axis=-1)
 
         moment = replace(moment, x=x[:, PROTECTED], u=u[:, PROTECTED])
         remembered = self._analytic.settle(episode, verdict.detected, isolated, blind, moment)
@@ -204,7 +205,7 @@ class Navigator:
                 begin, episode.active & ~remembered.active, undecided == settings.within, episode, settings
             ),
             detail=detail,
-            command=u,
+            command=command,
         )
         return after, output
 
@@ -216,6 +217,12 @@ class Navigator:
         valid = np.broadcast_to(group.valid, group.values.shape).reshape(shape)
         present: Flags = np.asarray(valid.reshape(self._runs, AIRCRAFT, INSTRUMENTS, 2).all(axis=-1))
         return np.where(valid, group.values.reshape(shape), 0.0), present
+
+    def _as_set(self, state: NavigatorState, surfaces: Array) -> NavigatorState:
+        """The state before this epoch, with surfaces as another's control laws set them ``(runs, aircraft, 3)``."""
+        u = np.concatenate([state.u[..., :1], surfaces], axis=-1)
+        *past, last = state.episode.past
+        return replace(state, u=u, episode=replace(state.episode, past=(*past, replace(last, u=u[:, PROTECTED]))))
 
     def _air(self, readings: Readings, controls: Controls) -> tuple[Array, Flags]:
         """Air data ``(runs, aircraft, 4)`` and where there is a reading."""

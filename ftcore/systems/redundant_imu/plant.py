@@ -7,6 +7,7 @@ twin, which no fault reaches. A fault's channel touches the columns of the first
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,24 +55,28 @@ class Plant:
         u = self._u0 if command is None else command
         grounded = state.x[..., S.UP, None] <= 0.0
         truth = Truth(np.where(grounded, state.x, midpoint_step(self.aircraft, state.x, u, EPOCH)))
-        return truth, truth, self._sense(truth, epoch)
+        return truth, truth, sense(self._p, self._axes, self._noise, truth.x, epoch)
 
-    def _sense(self, truth: Truth, epoch: int) -> Readings:
-        x, a, draw = truth.x, self._p.air_data, self._noise.normal
-        runs, now = len(x), np.asarray(epoch * EPOCH)
-        angle = math.radians(a.angle)
 
-        def group(values: Array) -> Group:
-            columns = values.reshape(runs, -1)
-            return Group(columns, np.ones((1, columns.shape[1]), bool), now)
+def sense(
+    p: Parameters, axes: Array, noise: NoiseSource, x: Array, epoch: int, aiding: Mapping[str, Array] | None = None
+) -> Readings:
+    """Gyros with input axes (6, 3) and air data, of states ``(runs, aircraft, 13)``; ``aiding`` goes with them."""
+    a, draw = p.air_data, noise.normal
+    runs, now = len(x), np.asarray(epoch * EPOCH)
+    angle = math.radians(a.angle)
 
-        # One draw for all three: the twins fly in the same noise.
-        gyro = x[..., RATES] @ self._axes.T + self._p.gyros.noise * draw("imu.gyro", epoch, (1, len(self._axes)))
-        groups = {
-            "imu.gyro": group(gyro),
-            "air.speed": group(x[..., S.SPEED] + a.speed * draw("air.speed", epoch, (1,))),
-            "air.alpha": group(x[..., S.ALPHA] + angle * draw("air.alpha", epoch, (1,))),
-            "air.beta": group(x[..., S.BETA] + angle * draw("air.beta", epoch, (1,))),
-            "air.height": group(x[..., S.UP] + a.height * draw("air.height", epoch, (1,))),
-        }
-        return Readings(epoch * EPOCH, groups)
+    def group(values: Array) -> Group:
+        columns = values.reshape(runs, -1)
+        return Group(columns, np.ones((1, columns.shape[1]), bool), now)
+
+    # One draw for all three: the twins fly in the same noise.
+    gyro = x[..., RATES] @ axes.T + p.gyros.noise * draw("imu.gyro", epoch, (1, len(axes)))
+    groups = {
+        "imu.gyro": group(gyro),
+        "air.speed": group(x[..., S.SPEED] + a.speed * draw("air.speed", epoch, (1,))),
+        "air.alpha": group(x[..., S.ALPHA] + angle * draw("air.alpha", epoch, (1,))),
+        "air.beta": group(x[..., S.BETA] + angle * draw("air.beta", epoch, (1,))),
+        "air.height": group(x[..., S.UP] + a.height * draw("air.height", epoch, (1,))),
+    }
+    return Readings(epoch * EPOCH, groups, aiding or {})

@@ -14,6 +14,7 @@ from ftcore.world.aircraft.dynamics import (
     midpoint_step,
     power_command,
     power_rate,
+    steady_thrust,
     step,
 )
 from ftcore.world.aircraft.tables import FOOT
@@ -39,6 +40,7 @@ __all__ = [
     "power_command",
     "power_rate",
     "regulator",
+    "steady_thrust",
     "step",
     "trim",
 ]

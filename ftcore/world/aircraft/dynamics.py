@@ -173,6 +173,13 @@ def aerodynamics(aircraft: Aircraft, x: Array, u: Array) -> tuple[Array, Array]:
     return _by_points(coefficients * factors[:, None], shape), thrust.reshape(shape)
 
 
+def steady_thrust(throttle: Array, speed: float, height: float) -> Array:
+    """Thrust (...) [N] of throttle settings (...) that are held, at a speed [m/s] and height [m]."""
+    x = np.zeros((*throttle.shape, STATES))
+    x[..., S.SPEED], x[..., S.UP], x[..., S.POWER] = speed, height, power_command(throttle)
+    return aerodynamics(f16(), x, np.zeros(CONTROLS))[1]
+
+
 def derivative(aircraft: Aircraft, x: Array, u: Array) -> Array:
     """Rate of change of states ``(..., 13)`` under controls ``(..., 4)``; controls beyond their stops count as at them.
 

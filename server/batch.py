@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ftcore import Scenario, Simulation
+from ftcore import CommandError, Fault, Scenario, Simulation
 from ftcore.score import Score
+from ftcore.systems.gps_receiver.logs import log_scenario
 from server import problems, report
 from server.settings import UserError
 
@@ -25,38 +28,117 @@ WRITERS: dict[str, Callable[[Simulation, Path], object]] = {
 }
 
 
-def fly(scenario: str, runs: int, seed: int | None, out: Path | None) -> None:
+def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> None:
     """Fly, show the score, write the file.
 
     Raises:
-        UserError: something in the request is wrong; nothing was flown.
+        UserError: something in the request is wrong.
     """
-    write = None if out is None else _writer(out)
-    simulation = _simulation(scenario, runs, seed)
-    console = Console()
-    _advance(simulation, console)
-    _show(simulation.score(), simulation, console)
-    if out is not None and write is not None:
-        write(simulation, out)
-        console.print(f"written: {out}")
-
-
-def _simulation(id_or_path: str, runs: int, seed: int | None) -> Simulation:
     if runs < 1:
         raise UserError(f"--runs is {runs}; at least 1 is needed")
+    write = None if out is None else _writer(out)
     try:
-        scenario = Scenario.load(id_or_path)
+        simulation = _simulation(scenario, runs, seed)
+        if out is not None:
+            out.open("ab").close()  # better now than after the flight
+        console = Console()
+        try:
+            _advance(simulation, console)
+        except CommandError as error:
+            raise UserError(f"the scenario's command at {simulation.now:g} s is refused: {error}") from None
+        _show(simulation.score(), simulation, console)
+        if out is not None and write is not None:
+            write(simulation, out)
+            console.print(f"written: {out}", soft_wrap=True, highlight=False, markup=False)
+    except MemoryError:
+        raise UserError(f"there is not enough memory for {runs} runs; fly fewer at a time, with other seeds") from None
+    except OSError as error:
+        raise UserError(f"--out {out}: {error.strerror or error}") from None
+
+
+def _simulation(scenario: Scenario, runs: int, seed: int | None) -> Simulation:
+    try:
+        return Simulation(scenario, runs=runs, seed=seed)
+    except ValueError as error:
+        raise UserError(str(error)) from None
+
+
+def log_from(observation: str | None, navigation: str | None, antenna: str | None) -> dict[str, Any] | None:
+    """Scenario document of a receiver's log; None if there is none. Raises UserError."""
+    if observation is None and navigation is None:
+        if antenna is not None:
+            raise UserError("--antenna belongs to a log: give --observation and --navigation too")
+        return None
+    if observation is None or navigation is None:
+        missing = "--observation" if observation is None else "--navigation"
+        raise UserError(f"a log is two files: {missing} is missing")
+    try:
+        return log_scenario(observation, navigation, None if antenna is None else _position(antenna))
+    except ValueError as error:
+        raise UserError(str(error)) from None
+
+
+def document(scenario: str | None, log: dict[str, Any] | None, faults: Sequence[str]) -> Scenario:
+    """The scenario to fly: a ready one or a file, over a log if there is one, with further faults.
+
+    Raises:
+        UserError: there is none, or it is wrong; one sentence says where.
+    """
+    if scenario is None and log is None:
+        raise UserError(
+            "give a scenario (ftlab scenarios lists the ready ones), or a log by --observation and --navigation"
+        )
+    given = {} if scenario is None else _load(scenario).model_dump(mode="json", exclude_defaults=True)
+    if log is not None:
+        system = given.get("system", log["system"])
+        if system != log["system"]:
+            raise UserError(f"a receiver's log is flown by the system {log['system']}, not by {system}")
+        given = given | log | {"parameters": given.get("parameters", {}) | log["parameters"]}
+    given["faults"] = [*given.get("faults", []), *(_fault(text) for text in faults)]
+    return _scenario(given, scenario or "the log")
+
+
+def _load(id_or_path: str) -> Scenario:
+    try:
+        return Scenario.load(id_or_path)
     except FileNotFoundError as error:
         raise UserError(str(error)) from None
     except ValidationError as error:
         given = json.loads(Path(id_or_path).read_text("utf-8"))
         raise UserError(f"{id_or_path}: {problems.from_validation(error, given, Scenario).detail}") from None
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise UserError(f"{id_or_path} cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{id_or_path} is not a scenario: {error}") from None
+
+
+def _scenario(given: dict[str, Any], what: str) -> Scenario:
     try:
-        return Simulation(scenario, runs=runs, seed=seed)
-    except ValueError as error:
-        raise UserError(str(error)) from None
+        return Scenario.model_validate(given)
+    except ValidationError as error:
+        raise UserError(f"{what}: {problems.from_validation(error, given, Scenario).detail}") from None
+
+
+def _fault(text: str) -> dict[str, Any]:
+    """A fault as JSON, checked as far as it can be without a system."""
+    try:
+        given = json.loads(text)
+        return Fault.model_validate_json(text, strict=True).model_dump(mode="json", exclude_unset=True)
+    except ValidationError as error:
+        raise UserError(f"--fault {text}: {problems.from_validation(error, given, Fault).detail}") from None
+    except (ValueError, RecursionError):
+        example = '{"channel": "gps.pseudorange.G11", "kind": "bias", "magnitude": 60, "start": 600}'
+        raise UserError(f"--fault {text} is not JSON; for instance {example} is") from None
+
+
+def _position(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise UserError(f"--antenna {text}: three numbers are needed, x,y,z in metres, Earth-fixed")
+    return x, y, z
 
 
 def _writer(out: Path) -> Callable[[Simulation, Path], object]:
@@ -64,10 +146,8 @@ def _writer(out: Path) -> Callable[[Simulation, Path], object]:
         raise UserError(f"--out {out}: end it with {', '.join(WRITERS)}")
     if not out.parent.is_dir():
         raise UserError(f"--out {out}: there is no folder {out.parent}")
-    try:
-        out.open("ab").close()
-    except OSError as error:
-        raise UserError(f"--out {out}: {error.strerror}") from None
+    if out.is_dir():
+        raise UserError(f"--out {out} is a folder; name a file")
     return WRITERS[out.suffix]
 
 

@@ -103,15 +103,24 @@ def scenarios() -> None:
 
 @application.command()
 def run(
-    scenario: Annotated[str, typer.Argument(help="Id of a ready scenario, or a JSON file.")],
+    scenario: Annotated[str | None, typer.Argument(help="Id of a ready scenario, or a JSON file.")] = None,
+    observation: Annotated[str | None, typer.Option(help="A receiver's log: RINEX observation file.")] = None,
+    navigation: Annotated[str | None, typer.Option(help="Its navigation file, of the same day.")] = None,
+    antenna: Annotated[str | None, typer.Option(help="True position of its antenna: x,y,z, Earth-fixed, m.")] = None,
+    fault: Annotated[
+        list[str] | None, typer.Option(help="A fault as JSON, as over REST; may be given several times.")
+    ] = None,
     runs: Annotated[int, typer.Option(help="How many runs, side by side.")] = 1,
     seed: Annotated[int | None, typer.Option(help="Instead of the scenario's.")] = None,
     out: Annotated[Path | None, typer.Option(help="Where to write: .parquet, .csv or .html.")] = None,
 ) -> None:
-    """Fly a scenario to its end and score it."""
+    """Fly a scenario, or a receiver's log of your own, to its end and score it.
+
+    A log with a scenario flies with the scenario's faults, settings and parameters.
+    """
     from server import batch
 
-    batch.fly(scenario, runs, seed, out)
+    batch.fly(batch.document(scenario, batch.log_from(observation, navigation, antenna), fault or []), runs, seed, out)
 
 
 def main() -> None:

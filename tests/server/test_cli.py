@@ -20,6 +20,7 @@ import pytest
 from ftcore import Scenario
 from server.cli import main
 from server.settings import REPOSITORY
+from tests.synthetic_log import ANTENNA, files
 
 Command = Callable[..., tuple[object, str, str]]
 COMMAND = [sys.executable, "-c", "from server.cli import main; main()"]
@@ -72,6 +73,19 @@ def short(tmp_path: Path) -> str:
         (["run", "zhang-1992", "--out", "x.xlsx"], {}, ".parquet"),
         (["run", "zhang-1992", "--out", "/no/such/folder/x.csv"], {}, "folder"),
         (["run", "pyproject.toml"], {}, "not a scenario"),
+        (["run", "zhang-1992", "--seed", "99999999999999999999"], {}, "seed"),
+        (["run", "zhang-1992", "--out", "server"], {}, ".parquet"),
+        (["run", "zhang-1992", "--fault", "bias"], {}, "is not JSON; for instance"),
+        (["run", "zhang-1992", "--fault", '{"channel": "x"}'], {}, "kind"),
+        (["run", "zhang-1992", "--fault", '{"channel": "x", "kind": "bias", "magnitude": 1}'], {}, "no channel 'x'"),
+        (["run"], {}, "--observation"),
+        (["run", "--observation", "a.05o"], {}, "--navigation is missing"),
+        (["run", "--navigation", "a.05n"], {}, "--observation is missing"),
+        (["run", "zhang-1992", "--antenna", "1,2,3"], {}, "belongs to a log"),
+        (["run", "--observation", "a.05o", "--navigation", "a.05n"], {}, "there is no observation file 'a.05o'"),
+        (["run", "--observation", "a", "--navigation", "b", "--antenna", "1,2"], {}, "three numbers"),
+        (["run", "--observation", "a", "--navigation", "b", "--antenna", "nan,0,0"], {}, "three numbers"),
+        (["run", "--observation", "README.md", "--navigation", "LICENSE"], {}, "not a RINEX file"),
     ],
 )
 def test_what_a_person_got_wrong_is_one_line(
@@ -93,6 +107,72 @@ def test_a_scenario_that_is_wrong_inside_is_told_where(ftlab: Command, tmp_path:
     assert status == 2
     assert "duration" in err
     assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[" * 100_000, "not a scenario"),
+        ("", "not a scenario"),
+        ("[]", "dictionary"),
+        ('{"system": "gps-receiver", "duration": NaN}', "duration"),
+        ('{"system": "gps-receiver", "faults": [{"channel": "x", "kind": "bias"}]}', "no channel 'x'"),
+        (
+            '{"system": "gps-receiver", "parameters": {"log": {"observation": "a", "navigation": "b"}}}',
+            "no observation",
+        ),
+        (
+            '{"system": "gps-receiver", "commands": [{"action": "clear", "time": 3, "fault": "f9"}]}',
+            "the scenario's command at 3 s is refused",
+        ),
+    ],
+)
+def test_a_document_that_cannot_be_flown_is_one_line(ftlab: Command, tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "wrong.json"
+    path.write_text(text)
+    status, _, err = ftlab("run", str(path))
+    assert (status, len(err.splitlines())) == (2, 1)
+    assert says in err
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Options for a log of 20 epochs of 30 s."""
+    pytest.importorskip("georinex", reason="georinex is not installed")
+    folder, made = tmp_path_factory.mktemp("log"), files(20)
+    (folder / "roof.26o").write_bytes(made.observation)
+    (folder / "roof.26n").write_bytes(made.navigation)
+    return ["--observation", str(folder / "roof.26o"), "--navigation", str(folder / "roof.26n")]
+
+
+def test_a_receivers_log_is_flown_and_broken(ftlab: Command, log: list[str], tmp_path: Path) -> None:
+    out = tmp_path / "log.parquet"
+    fault = {"channel": "gps.pseudorange.G10", "kind": "bias", "magnitude": 100, "start": 120}
+    antenna = ",".join(f"{part:.3f}" for part in ANTENNA)
+    assert antenna.startswith("-")
+    status, told, _ = ftlab("run", *log, "--antenna", antenna, "--fault", json.dumps(fault), "--out", str(out))
+    assert status == 0
+    assert "Receiver log of 2026-03-04 10:00:00: 600 s" in told
+    assert "gps.G10" in told.replace("gps.pseudorange.G10", "")
+    table = pq.read_table(out, columns=["time", "combined.error.position.up"])
+    assert table["time"].to_pylist() == [30.0 * k for k in range(1, 21)]
+    assert max(map(abs, table["combined.error.position.up"].to_pylist())) < 10.0
+
+
+def test_a_scenario_over_a_log_brings_its_faults_and_settings(ftlab: Command, log: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "faults.json"
+    fault = {"channel": "gps.pseudorange.G10", "kind": "ramp", "magnitude": 1.0, "start": 120.0}
+    document = {"system": "gps-receiver", "faults": [fault], "settings": {"combination": "or"}}
+    path.write_text(json.dumps(document | {"parameters": {"mask": 10.0}}))
+    status, told, _ = ftlab("run", str(path), *log, "--out", str(tmp_path / "out.html"))
+    assert status == 0
+    assert "gps.pseudorange.G10" in told
+    page = (tmp_path / "out.html").read_text()
+    assert '"mask":10.0' in page
+    assert '"combination":"or"' in page
+    status, _, err = ftlab("run", "zhang-1992", *log)
+    assert (status, len(err.splitlines())) == (2, 1)
+    assert "flown by the system gps-receiver" in err
 
 
 def test_a_flight_from_the_command_line_writes_what_it_flew(ftlab: Command, short: str, tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ export class Form {
       editor.write(schema.default);
       this.#touched();
     } }, `${this.origin} ${told(schema.default)}`);
-    reset.setAttribute('aria-label', `${label}: back to ${this.origin} ${told(schema.default)}`);
+    reset.setAttribute('aria-label', `Set ${label} back to ${told(schema.default)}`);
     const limits = bounds(schema);
     const about = [schema.description, limits, schema.source].filter(Boolean).join(' · ');
     editor.element.addEventListener('input', () => this.#touched());
@@ -204,6 +204,7 @@ function put(into, path, value) {
 function single(schema, key) {
   const input = control(schema, undefined, { id: key });
   const numeric = schema.type === 'number' || schema.type === 'integer';
+  if (schema.default !== null) input.removeAttribute('placeholder');
   return {
     element: input,
     focus: () => input.focus(),

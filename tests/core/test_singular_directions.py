@@ -16,12 +16,6 @@ def reference(instruments=None):
     return parity.uncalibrated(instruments or three_two_dof(), SIGMA, 0.0)
 
 
-def test_every_random_start_climbs_to_the_index_of_the_paper():
-    angles, index = geometry.improve_angles(np.random.default_rng(1).uniform(0.0, np.pi, (100, 3)))
-    assert index.min() > 3.999  # (28): J_FDI = 4
-    np.testing.assert_allclose(np.rad2deg(angles) % 90.0, 45.0, atol=0.01)
-
-
 def test_fault_planes_meet_on_the_body_axes():
     found = {s.instruments: s for s in geometry.singular_faults(three_two_dof())}
     assert set(found) == {(0, 1), (0, 2), (1, 2)}

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import binom, chi2, ncx2
 
 from ftcore import Scenario, Simulation
+from ftcore.detection.geometry import improve_angles
 
 RUNS = 20
 FALSE_FAILURE = 1e-6
@@ -31,6 +32,12 @@ def isolations(sim):
 @pytest.fixture(scope="module")
 def kim():
     return fly("kim-2005")
+
+
+def test_section_3_every_random_start_climbs_to_the_index_of_the_paper():
+    angles, index = improve_angles(np.random.default_rng(1).uniform(0.0, np.pi, (100, 3)))
+    assert index.min() > 3.999  # (28): J_FDI = 4
+    np.testing.assert_allclose(np.rad2deg(angles) % 90.0, 45.0, atol=0.01)
 
 
 def test_figure_5_fd_crosses_its_threshold_at_once(kim):

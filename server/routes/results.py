@@ -30,7 +30,7 @@ class SeriesQuery(BaseModel):
     signals: str | None = Field(
         default=None,
         max_length=16_000,
-        pattern=r"^[A-Za-z0-9_., \-]*$",
+        pattern=r"^[A-Za-z0-9_.+, \-]*$",
         description="names, separated by commas; all if absent",
     )
     start: Seconds | None = Field(default=None, description="from this time on [s]")

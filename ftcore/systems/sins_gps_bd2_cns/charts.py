@@ -87,6 +87,7 @@ def charts() -> list[Chart]:
             title="Model probabilities",
             unit="1",
             group="weights",
+            stacked=True,
             traces=(
                 Trace(signal="probability.small", label="Q small: quiet flight"),
                 Trace(signal="probability.large", label="Q large: manoeuvre"),

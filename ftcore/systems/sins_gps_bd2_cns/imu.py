@@ -22,9 +22,12 @@ from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.names import BODY, EPOCH, IMU_TESTS, INSTRUMENTS
 from ftcore.systems.sins_gps_doppler.forms import Settings as RedundantSettings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
+from ftcore.world.trajectory import Turn
 
 Array = NDArray[np.float64]
 GROUPS = ("imu.gyro", "imu.accelerometer")
+PEAK_OF_BLEND = 1.875
+"""Steepest slope of the quintic by which a turn is entered, over the mean one."""
 COLUMNS = len(IMU_TESTS) * len(GROUPS) * 4
 
 
@@ -80,10 +83,9 @@ class Imu:
         self.cluster = None if i.configuration == "three-axis" else geometry(p)
         self._redundant: RedundantImu | None = None
         if self.cluster is not None:
-            # Scale factors are repeatable and large: what a manoeuvre makes of them is no failure.
-            f = p.flight
-            turning = STANDARD_GRAVITY * math.tan(math.radians(f.high_bank)) / f.speed
-            scale = units.to_si(i.scale_factor, "ppm") * np.array([turning, STANDARD_GRAVITY])
+            # Scale factors are repeatable and large: what they make of the fastest roll is no failure.
+            rolling = PEAK_OF_BLEND * math.radians(p.flight.high_bank) / Turn.model_fields["entry"].default
+            scale = units.to_si(i.scale_factor, "ppm") * np.array([rolling, STANDARD_GRAVITY])
             self._believed = np.hypot(self.density, scale * math.sqrt(EPOCH))
             self._redundant = RedundantImu(self.cluster, self._believed, self.bias, calibration, i.calibration, EPOCH)
         nothing = np.zeros((runs, COLUMNS))

@@ -41,9 +41,9 @@ ERRORS = {
     "velocity": ("m/s", ("east", "north", "up")),
     "attitude": ("arcsec", ("east", "north", "up")),
 }
-SUBSETS = ("sins", "gps", "bd2", "gps+bd2", "cns", "gps+cns", "bd2+cns", "gps+bd2+cns")
+SUBSETS = ("sins", "gps", "bd2", "gps-bd2", "cns", "gps-cns", "bd2-cns", "gps-bd2-cns")
 """Which aids a weight stands for: bit 0 GPS, bit 1 BD2, bit 2 CNS."""
-SUBSET_LABELS = tuple("SINS alone" if s == "sins" else " + ".join(AIDS[a] for a in s.split("+")) for s in SUBSETS)
+SUBSET_LABELS = tuple("SINS alone" if s == "sins" else " + ".join(AIDS[a] for a in s.split("-")) for s in SUBSETS)
 MODELS = ("small", "large")
 
 

@@ -14,7 +14,7 @@ from ftcore.estimation.ins_error import navigation_error
 from ftcore.estimation.strapdown import InsState
 from ftcore.rotation import matrix_to_rpy
 from ftcore.systems.base import HEALTH, Controls, Output
-from ftcore.systems.sins_gps_bd2_cns.names import AXES, CLUSTERS, PAIRS, SUBJECTS, SUBSETS
+from ftcore.systems.sins_gps_bd2_cns.names import AXES, CLUSTERS, PAIRS, SUBJECTS, SUBSET_LABELS
 from ftcore.systems.sins_gps_bd2_cns.sky import Sky
 
 Array = NDArray[np.float64]
@@ -148,12 +148,12 @@ class Reporter:
                 return BlockView(health="off", text="no reading")
             return BlockView(health=health[name], text=f"q {q:.3g}, weight {d.beta[0, i]:.2g}")
 
-        reference = "propagator 1" if d is None else f"propagator {int(d.reference[0]) + 1}, {_older(d):.0f} s old"
+        reference = "no. 1" if d is None else f"no. {int(d.reference[0]) + 1}, {_older(d):.0f} s old"
         driver = {"two-propagator": "innovation", "two-propagator-state": "state"}.get(settings.driving_test, "no test")
         models = "waiting" if d is None else f"Q large {100.0 * d.mu[0, 1]:.0f} %"
         isolated = [s for s in SUBJECTS if health[s] == "isolated"]
         suspects = [s for s in SUBJECTS if health[s] == "suspect"]
-        best = "waiting" if d is None else SUBSETS[int(d.alpha[0].argmax())]
+        best = "waiting" if d is None else SUBSET_LABELS[int(d.alpha[0].argmax())]
         share = 0.0 if d is None else float(d.alpha[0].max())
         alone = d is not None and float(d.alpha[0, 0]) > 0.5
         return {
@@ -181,7 +181,7 @@ class Reporter:
             ),
             "master": BlockView(
                 health="suspect" if alone else "ok",
-                text="waiting" if d is None else f"{100.0 * share:.0f} % {best if best != 'sins' else 'SINS alone'}",
+                text="waiting" if d is None else f"{100.0 * share:.0f} % {best}",
             ),
         }
 

@@ -7,8 +7,8 @@ and whoever is right stays rejected: the rejection feeds itself. Nothing in (12)
 
 What can end it is a witness that the reference had no part in. Two subsystems that measure the same states differ,
 z_a - z_b, by their own errors only. When both have been rejected through a window, and agree with each other through
-it, the reference is wrong and not they. They are `believed`, the covariance of the filters is widened until their
-residuals are what it expects (`widen`), and both propagators start anew from the fused estimate
+it, the reference is wrong and not they. They are `believed`, what they measure is made so uncertain in the filters
+that their residuals are expected (`widen`), and both propagators start anew from the fused estimate
 (`ftcore.detection.propagators.renew`).
 
 Two faults that happen to meet agree as well, for as long as it takes one to pass the other (a sine of 8 m and 0.02
@@ -122,27 +122,33 @@ def stand_off(
 
 
 def widen(prior: Mixture, y: Array, H: Array, layout: Layout, believed: Mask) -> Mixture:
-    """The prediction with its covariance multiplied until what the believed subsystems (runs, s) say is expected of it.
+    """The prediction with what the believed subsystems (runs, s) measure made so uncertain that their word is expected.
 
-    An error that came in through a filter's gain lies where its covariance does, in all states that gain reaches; so
-    the whole of it is widened, by max(1, r' (H P H')^-1 r / rows), the largest over believed subsystems and models.
-    Runs in which nobody is believed are untouched. y (runs, m), H (runs, m, n): rows of believed subsystems are valid.
+    The residual r of a believed subsystem asks for A = H P H' to be k = max(1, r' A^-1 r / rows) times as large. Every
+    state's standard deviation grows by 1 + (sqrt(k) - 1) rho, where rho is its multiple correlation with H x:
+    by sqrt(k) what is measured, by less the velocity that belongs to it, and hardly a bias that has nothing to do with
+    it. Correlations stay. (To multiply all of P by k sets the gyro biases loose, and the next bad reading of the star
+    tracker turns them over; to widen H x alone, the others keeping their law given it, leaves velocities wrong.)
+    Subsystems one after the other; runs in which nobody is believed are untouched. y (runs, m), H (runs, m, n): rows of
+    believed subsystems are valid.
     """
     if not believed.any():
         return prior
-    factor = np.ones(len(prior.x))
+    P = prior.P.copy()
     for i, rows in enumerate(layout.slices):
         asked = np.flatnonzero(believed[:, i])
         if not asked.size:
             continue
-        H_i = np.broadcast_to(H, (len(factor), *H.shape[1:]))[asked, None, rows]
+        H_i = np.broadcast_to(H, (len(P), *H.shape[1:]))[asked, None, rows]
+        HP = H_i @ P[asked]
+        whitener = kalman.triangular_inverse(kalman.cholesky(kalman.symmetric(HP @ H_i.swapaxes(-1, -2))))
         r = y[asked, None, rows] - np.matvec(H_i, prior.x[asked])
-        whitener = kalman.triangular_inverse(
-            kalman.cholesky(kalman.symmetric(H_i @ prior.P[asked] @ H_i.swapaxes(-1, -2)))
-        )
-        ratio = np.square(np.matvec(whitener, r)).mean(axis=-1).max(axis=-1)
-        factor[asked] = np.maximum(factor[asked], ratio)
-    return replace(prior, P=prior.P * factor[:, None, None, None])
+        k = np.maximum(1.0, np.square(np.matvec(whitener, r)).mean(axis=-1))
+        variance = np.diagonal(P[asked], axis1=-2, axis2=-1)
+        explained = np.square(whitener @ HP).sum(axis=-2) / np.where(variance > 0.0, variance, np.inf)
+        growth = 1.0 + (np.sqrt(k)[..., None] - 1.0) * np.sqrt(np.minimum(explained, 1.0))
+        P[asked] *= growth[..., :, None] * growth[..., None, :]
+    return replace(prior, P=P)
 
 
 def _difference(y: Array, R: Array, layout: Layout, pair: tuple[int, int], valid: Mask | None) -> Array:

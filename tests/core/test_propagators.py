@@ -80,7 +80,7 @@ def test_each_propagator_may_have_mode_probabilities_of_its_own():
 
 @pytest.mark.parametrize("age", [1, 30, 60])
 def test_without_a_fault_every_q_is_chi_square_on_three(age):
-    flight = Flight(age, 20_000)
+    flight = Flight(age, 8_000)
     pair = start_propagators(*flight.start())
     for _ in range(age):
         y = flight.step()
@@ -95,7 +95,7 @@ def test_without_a_fault_every_q_is_chi_square_on_three(age):
 
 
 def test_with_a_fault_the_power_is_that_of_the_noncentral_chi_square():
-    flight = Flight(5, 20_000)
+    flight = Flight(5, 8_000)
     pair = start_propagators(*flight.start())
     for _ in range(30):
         y = flight.step()
@@ -139,10 +139,10 @@ def test_the_innovation_form_is_12_when_the_update_starts_from_the_reference():
 
 def test_the_state_form_sees_a_step_later_than_the_innovation_form():
     """GPS is off by 9 m on three axes and believed all the while: the gain lets it into x_KF little by little."""
-    flight = Flight(7, 300, ratio=4.0)
+    flight = Flight(7, 100, ratio=4.0)
     whole = imm.start(*flight.start(), [0.9, 0.1])
     pair = start_propagators(*flight.start())
-    first = {"innovation": np.full(300, np.inf), "state": np.full(300, np.inf)}
+    first = {"innovation": np.full(100, np.inf), "state": np.full(100, np.inf)}
     for epoch in range(240):
         y = flight.step()
         if epoch >= 150:
@@ -157,7 +157,7 @@ def test_the_state_form_sees_a_step_later_than_the_innovation_form():
         if epoch >= 150:
             for form, tests in both.items():
                 first[form] = np.where(tests.alarm[:, 0], np.minimum(first[form], epoch - 150), first[form])
-        fused = tf.fuse(updates, np.ones((300, 3)), both["innovation"].q)
+        fused = tf.fuse(updates, np.ones((100, 3)), both["innovation"].q)
         whole = fused.mixture
         if epoch % 10 == 9:
             pair = alternate(pair, fused.x, fused.P)
@@ -167,7 +167,7 @@ def test_the_state_form_sees_a_step_later_than_the_innovation_form():
 
 def test_the_state_form_keeps_its_false_alarm_rate_on_a_matched_filter():
     """One model, true noise: W = P_S - P_KF is exact, so q is chi-square on its three rows; runs are independent."""
-    flight = Flight(8, 20_000)
+    flight = Flight(8, 3_000)
     whole = imm.start(*flight.start(), [1.0])
     pair = start_propagators(*flight.start())
     one = flight.Q_models[:, :1]

@@ -82,7 +82,7 @@ def problem(
 
 
 _MEANING = {
-    400: "The body is not JSON.",
+    400: "The body cannot be read as what it is said to be.",
     401: "A token is needed.",
     403: "The Host or Origin is not one of this server's.",
     404: "There is nothing of that name.",

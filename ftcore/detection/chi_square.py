@@ -37,8 +37,9 @@ def threshold(p_fa: float, dof: int | Ints) -> float | Array:
     Source: (49) and (57).
     """
     table = _thresholds(p_fa)
-    if np.min(dof) < 0:
-        raise ValueError(f"degrees of freedom cannot be negative; got {np.min(dof)}")
+    least = dof if isinstance(dof, int) else dof.min(initial=0)
+    if least < 0:
+        raise ValueError(f"degrees of freedom cannot be negative; got {least}")
     try:
         found = table[dof]
     except IndexError:

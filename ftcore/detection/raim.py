@@ -136,6 +136,10 @@ def isolate(c: Consistency, p_fa: float, least_dof: Ints | int = 1, separation: 
     The loop ends with redundancy, after n - 1 turns at most; it is one over repeated exclusions, all runs in step.
     """
     _, limit, alarm = chi_square.decide(c.statistic, c.dof, p_fa)
+    if not alarm.any():
+        state = np.where(c.dof <= 0, CANNOT_DETECT, CONSISTENT).astype(np.int8)
+        nobody, unrivalled = np.zeros(c.valid.shape, bool), np.full(c.statistic.shape, np.inf)
+        return Isolation(state, nobody, alarm, limit, c, unrivalled)
     left = c
     failing = alarm
     excluded = np.zeros(c.valid.shape, bool)

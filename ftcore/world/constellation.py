@@ -99,8 +99,12 @@ class LineOfSight:
 def line_of_sight(lla: Array, satellite_e: Array) -> LineOfSight:
     """Directions and ranges from a user at ``lla`` (..., 3) to satellites at ``satellite_e`` (..., satellites, 3) m."""
     lla = np.asarray(lla, dtype=np.float64)
-    to_satellite_e = satellite_e - earth.geodetic_to_ecef(lla)[..., None, :]
-    to_satellite_n = to_satellite_e @ earth.enu_to_ecef_matrix(lla[..., 0], lla[..., 1])
+    return seen_from(earth.geodetic_to_ecef(lla), earth.enu_to_ecef_matrix(lla[..., 0], lla[..., 1]), satellite_e)
+
+
+def seen_from(position_e: Array, C_en: Array, satellite_e: Array) -> LineOfSight:
+    """The same from a user at ``position_e`` (..., 3) m, whose local level ``C_en`` (..., 3, 3) is known already."""
+    to_satellite_n = (satellite_e - position_e[..., None, :]) @ C_en
     distance = np.sqrt(np.einsum("...i,...i->...", to_satellite_n, to_satellite_n))
     unit_n = to_satellite_n / distance[..., None]
     elevation = np.arctan2(unit_n[..., 2], np.hypot(unit_n[..., 0], unit_n[..., 1]))

@@ -375,16 +375,18 @@ def test_every_ready_scenario_flies_and_scores(name):
 
 
 def test_given_one_run_or_a_hundred_then_they_are_flown_in_the_time_allowed():
-    """0.2 s and 2 s of processor time on an idle core; the best of a few, with room for a shared machine."""
+    """0.2 s and 2 s of processor time. Others on the machine cost cache and so time: the best of many counts."""
     Simulation(CHEY).advance(until=5.0)
 
-    def seconds(runs, times):
+    def seconds(runs, allowed, times):
         best = np.inf
         for _ in range(times):
             start = time.process_time()
             Simulation(CHEY, runs=runs).advance()
             best = min(best, time.process_time() - start)
+            if best < allowed:
+                break
         return best
 
-    assert seconds(1, 5) < 0.4
-    assert seconds(100, 1) < 4.0
+    assert seconds(1, 0.2, 30) < 0.2
+    assert seconds(100, 2.0, 5) < 2.0

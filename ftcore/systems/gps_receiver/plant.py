@@ -38,8 +38,8 @@ class SimulatedPlant:
         self._p = p
         self._noise = noise
         r = p.receiver
-        self._lla = np.array([math.radians(r.latitude), math.radians(r.longitude), r.height])
-        self._truth = standing(earth.geodetic_to_ecef(self._lla))
+        lla = np.array([math.radians(r.latitude), math.radians(r.longitude), r.height])
+        self._truth = standing(earth.geodetic_to_ecef(lla))
 
     def initial(self) -> PlantState:
         """Before the first epoch."""
@@ -52,7 +52,7 @@ class SimulatedPlant:
         p, now = self._p, epoch * EPOCH
         clock = state.clock.step(EPOCH, p.filter.clock_phase_noise, p.filter.clock_frequency_noise, self._noise, epoch)
         position, _ = constellation.satellite_states(p.receiver.constellation_time + now)
-        sight = constellation.line_of_sight(self._lla, position)
+        sight = constellation.seen_from(self._truth.position_e[0], self._truth.C_en[0], position)
         # The Earth turns while the signal travels; the receiver reckons with it.
         x, y, _ = self._truth.position_e[0]
         turn = (position[:, 0] * y - position[:, 1] * x) * (earth.RATE / earth.SPEED_OF_LIGHT)

@@ -40,7 +40,8 @@ AUTOTHROTTLE = 0.02
 class StickLaw:
     """The pilot's part: stick ``(..., 4)`` that flies a mission, from measured states in the order of REGULATED.
 
-    The first number is the throttle of the published aircraft, the plant makes JSBSim's of it.
+    The first number is the throttle of the published aircraft, the plant makes JSBSim's of it. Nothing is integrated:
+    turns are flown at a steady height a little off, 3 m in the paper's at 45 degrees, some 35 m in one at 70.
     """
 
     mission: Mission

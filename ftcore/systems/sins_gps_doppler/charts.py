@@ -77,6 +77,7 @@ def charts() -> list[Chart]:
     for test in IMU_TESTS:
         for cluster in CLUSTERS:
             found.append(_test_chart(test, f"imu.{cluster}", shown=(test, cluster) == ("parity", "accelerometer")))
+    found += [_test_chart("parity-trusted", f"imu.{cluster}") for cluster in CLUSTERS]
     for cluster, unit in (("gyro", "deg/h"), ("accelerometer", "mg")):
         found.append(
             Chart(

@@ -100,6 +100,16 @@ def _tests() -> list[Test]:
         )
     found.append(
         Test(
+            name="parity-trusted",
+            label=TEST_LABELS["parity-trusted"],
+            subjects=tuple(f"imu.{c}" for c in CLUSTERS),
+            dof="1 while an instrument is out; none while all are trusted",
+            source="001 (29)-(32)",
+            may_drive=False,
+        )
+    )
+    found.append(
+        Test(
             name="integrity",
             label=TEST_LABELS["integrity"],
             subjects=("gps",),

@@ -3,12 +3,17 @@
 Gyros and accelerometers are two clusters of the same geometry; arrays lead with ``(runs, 2)``. Detection works on the
 mean over an epoch. The parity vector is calibrated before the flight (000 leaves the axis biases out; without a
 calibration a healthy unit would alarm forever).
+
+With an instrument out, isolated or without a reading, the two that are left have one parity equation between them: they
+are watched by it, and if they disagree that is said, confirmed by the supervisor's m-of-n. Who of them it is cannot be
+told, both explain it alike, so nobody is accused and both go on: two are the least that can be solved.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +26,26 @@ from ftcore.systems.sins_gps_doppler.forms import Settings
 
 Array = NDArray[np.float64]
 CLUSTERS, INSTRUMENTS = 2, 3
-SUBJECTS = ("set", "1", "2", "3")
 
 
 @dataclass(frozen=True)
 class ImuState:
-    """Supervisor of the six instruments, and which of them were used in the epoch before ``(runs, 2, 3)``."""
+    """What the trusted instruments of each cluster were found to say of each other, the supervisor of the six, and
+    which of them were used in the epoch before ``(runs, 2, 3)``."""
 
+    rest: supervisor.State
     supervisor: supervisor.State
     used: Flags
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The trusted instruments of each cluster tested among themselves, ``(runs, 2)`` each; dof 0 while all are."""
+
+    statistic: Array
+    threshold: Array
+    dof: NDArray[np.int64]
+    alarm: Flags
 
 
 @dataclass(frozen=True)
@@ -40,7 +56,9 @@ class ImuEpoch:
         omega_b, f_b: ``(runs, 2, samples, 3)``: protected (trusted instruments) and unprotected (all there are).
         parity: ``(runs, 2, 3)`` calibrated parity vectors.
         statistic, threshold, dof, alarm: ``(runs, 16)`` in the order of the description's IMU tests.
+        rest: the test of those that are trusted while another one is out.
         decision: of the supervisor on ``(runs, 6)`` instruments.
+        undecided: of the supervisor on ``(runs, 2)`` clusters; isolated means that the rest disagrees for certain.
         used: ``(runs, 2, 3)`` instruments in the protected solution.
         changed: ``(runs,)`` the protected solution's instruments changed.
         bias_change: ``(runs, 2, 3, 3)`` covariance of the jump of the body biases that a change brings.
@@ -54,7 +72,9 @@ class ImuEpoch:
     threshold: Array
     dof: Array
     alarm: Flags
+    rest: Rest
     decision: supervisor.Decision
+    undecided: supervisor.Decision
     used: Flags
     changed: Flags
     bias_change: Array
@@ -85,7 +105,11 @@ class RedundantImu:
 
     def initial(self, runs: int) -> ImuState:
         """All instruments trusted."""
-        return ImuState(supervisor.start(runs, CLUSTERS * INSTRUMENTS), np.ones((runs, CLUSTERS, INSTRUMENTS), bool))
+        return ImuState(
+            supervisor.start(runs, CLUSTERS),
+            supervisor.start(runs, CLUSTERS * INSTRUMENTS),
+            np.ones((runs, CLUSTERS, INSTRUMENTS), bool),
+        )
 
     def step(
         self, state: ImuState, gyro: Group, accelerometer: Group, settings: Settings, rules: supervisor.Rules
@@ -98,31 +122,28 @@ class RedundantImu:
         if not (gyro.valid.all() and accelerometer.valid.all()):
             valid = np.broadcast_to(np.stack(np.broadcast_arrays(gyro.valid, accelerometer.valid), axis=1), mean.shape)
             present = np.asarray(valid.reshape(runs, CLUSTERS, INSTRUMENTS, -1).all(axis=-1))
-            # An axis without a reading says what the others say: it can neither alarm nor hide an alarm.
-            others = np.matvec(self._cluster.gains[mask_index(present)], np.where(valid, mean, 0.0))
-            mean = np.where(valid, mean, others @ self._cluster.H.T)
             samples = np.where(valid[..., None], samples, 0.0)
         readings = (mean / self._unit[:, None]).reshape(runs * CLUSTERS, -1)
         p_fa = settings.false_alarm_probability
-        results = {
-            "parity": parity.parity_test(self._reference, readings, p_fa, SUBJECTS),
-            "glt": parity.glt_test(self._reference, readings, p_fa, SUBJECTS),
-        }
+        everybody = bool(present.all())
+        sight = parity.look(self._reference, readings, p_fa, None if everybody else present.reshape(-1, INSTRUMENTS))
+        found = {"parity": parity.by_plane(sight), "glt": parity.by_likelihood(sight)}
 
-        def columns(field: str) -> Array:
-            table = [getattr(r, field) for test in results.values() for r in test]
-            return np.moveaxis(
-                np.stack(table).reshape(len(results), len(SUBJECTS), runs, CLUSTERS), (2, 3), (0, 2)
-            ).reshape(runs, -1)
+        def columns(of_set: NDArray[Any], field: str) -> NDArray[Any]:
+            tables = [np.column_stack([of_set, getattr(test, field)]) for test in found.values()]
+            return np.moveaxis(np.stack(tables).reshape(len(found), runs, CLUSTERS, -1), 0, 1).reshape(runs, -1)
 
+        out = (state.supervisor.health == supervisor.ISOLATED).reshape(runs, CLUSTERS, INSTRUMENTS)
+        trusted = present & ~out
+        complete = trusted.all(axis=-1)
+        rest, alarm = _rest(sight, readings, trusted, complete)
+        rest_supervision, undecided = supervisor.step(state.rest, alarm, ~alarm, np.ones((1, CLUSTERS), bool), rules)
         driving = np.zeros((runs, CLUSTERS, INSTRUMENTS), bool)
         if settings.imu_driving_test != "none":
-            named = [r.alarm for r in results[settings.imu_driving_test][1:]]
-            driving = np.stack(named, axis=-1).reshape(runs, CLUSTERS, INSTRUMENTS)
+            driving = found[settings.imu_driving_test].alarm.reshape(runs, CLUSTERS, INSTRUMENTS)
         # Two instruments are the least that can be solved: while one is out, nobody else can be put out.
-        out = (state.supervisor.health == supervisor.ISOLATED).reshape(runs, CLUSTERS, INSTRUMENTS)
-        driving = driving & (out | ~out.any(axis=-1, keepdims=True))
-        quiet = ~results["parity"][0].alarm.reshape(runs, CLUSTERS)
+        driving = driving & (out | complete[..., None])
+        quiet = ~sight.alarm.reshape(runs, CLUSTERS)
         supervision, decision = supervisor.step(
             state.supervisor,
             driving.reshape(runs, -1),
@@ -140,15 +161,29 @@ class RedundantImu:
         epoch = ImuEpoch(
             omega_b=body[:, :, 0],
             f_b=body[:, :, 1],
-            parity=np.asarray(results["parity"][0].innovation).reshape(runs, CLUSTERS, -1) * self._unit[:, None],
-            statistic=columns("statistic"),
-            threshold=columns("threshold"),
-            dof=columns("dof"),
-            alarm=columns("alarm").astype(bool),
+            parity=sight.p.reshape(runs, CLUSTERS, -1) * self._unit[:, None],
+            statistic=columns(sight.FD, "statistic"),
+            threshold=columns(sight.threshold, "threshold"),
+            dof=columns(sight.dof, "dof"),
+            alarm=columns(sight.alarm, "alarm"),
+            rest=rest,
             decision=decision,
+            undecided=undecided,
             used=used,
             changed=np.asarray((now != before).any(axis=-1)),
             bias_change=change @ change.swapaxes(-1, -2) * np.square(self._bias)[:, None, None],
             noise=self._cluster.covariances[both] * np.square(self._density)[:, None, None],
         )
-        return ImuState(supervision, used), epoch
+        return ImuState(rest_supervision, supervision, used), epoch
+
+
+def _rest(sight: parity.Sight, readings: Array, trusted: Flags, complete: Flags) -> tuple[Rest, Flags]:
+    """Test the trusted instruments ``(runs, 2, 3)`` where they are not all there are; with the alarm ``(runs, 2)``."""
+    shape = complete.shape
+    if complete.all():
+        nothing, quiet = np.zeros(shape), np.zeros(shape, bool)
+        return Rest(nothing, nothing, np.zeros(shape, np.int64), quiet), quiet
+    among = parity.look(sight.reference, readings, sight.p_fa, trusted.reshape(-1, INSTRUMENTS))
+    dof = np.where(complete, 0, among.dof.reshape(shape))
+    alarm = among.alarm.reshape(shape) & ~complete
+    return Rest(among.FD.reshape(shape), among.threshold.reshape(shape), dof, alarm), alarm

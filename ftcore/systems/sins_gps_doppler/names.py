@@ -36,6 +36,7 @@ TEST_LABELS = {
     "cusum": "CUSUM",
     "parity": "parity test",
     "glt": "GLT",
+    "parity-trusted": "parity test of the trusted",
     "integrity": "satellite integrity test",
 }
 ROLES = {"fused": "protected", "gps": "local", "doppler": "local", "unprotected": "unprotected"}
@@ -60,7 +61,7 @@ def imu_tests() -> list[tuple[str, str]]:
     ]
 
 
-TESTS = (*aid_tests(), *imu_tests(), ("integrity", "gps"))
+TESTS = (*aid_tests(), *imu_tests(), *(("parity-trusted", f"imu.{c}") for c in CLUSTERS), ("integrity", "gps"))
 
 
 def subject_label(subject: str) -> str:

@@ -30,7 +30,7 @@ from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, LOCAL, N
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
 from ftcore.systems.sins_gps_doppler.masters import Fused
-from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, EPOCH, SLOTS
+from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, CLUSTERS, EPOCH, SLOTS
 from ftcore.systems.sins_gps_doppler.reporter import Detail
 from ftcore.systems.sins_gps_doppler.satellites import SatelliteState
 
@@ -181,7 +181,7 @@ class Navigator:
         )
         detail = self._detail(readings, ins, filters, made, imu, gps, doppler, lines)
         feeding = used & has_reading
-        by_part = (tests, imu, integrity)  # in the order of the description's tests
+        by_part = (tests, imu, imu.rest, integrity)  # in the order of the description's tests
         statistic, threshold, dof, alarm = (
             np.concatenate([np.reshape(getattr(part, field), (runs, -1)) for part in by_part], axis=-1)
             for field in ("statistic", "threshold", "dof", "alarm")
@@ -342,8 +342,16 @@ def _notices(decision: supervisor.Decision, imu: ImuEpoch, tests: AidTestResult)
                     part, unit = _channel(subject, int(column))
                     numbers = {f"estimated_fault [{unit}]": tests.size[:, j]}
                     notices.append(Notice("channel.named", f"{subject}.{part}", where, numbers))
+    names = tuple(CLUSTERS)
+    for c, cluster in enumerate(names):
+        for kind, where in (
+            ("integrity.cannot-isolate", imu.undecided.just_isolated[:, c]),
+            ("integrity.restored", imu.undecided.just_readmitted[:, c]),
+        ):
+            if where.any():
+                numbers = {"statistic": imu.rest.statistic[:, c], "threshold": imu.rest.threshold[:, c]}
+                notices.append(Notice(kind, f"imu.{cluster}", where, numbers))
     if imu.changed.any():
-        names = ("gyro", "accelerometer")
         numbers = {f"{name}s_used": imu.used[:, c].sum(axis=-1).astype(float) for c, name in enumerate(names)}
         notices.append(Notice("imu.reconfigured", "imu", imu.changed, numbers))
     return notices

@@ -153,6 +153,7 @@ class Reporter:
         satellites = "waiting" if detail is None else f"{int(detail.in_use[0])} satellites"
         if detail is not None and detail.excluded[0]:
             satellites += f", {int(detail.excluded[0])} out"
+        unclear = [a.split(".")[1] for a in alarms if a.startswith("parity-trusted")]
         imu_alarms = sorted({a.split(" ")[1] for a in alarms if "imu." in a and a.count(".") == 2})
         aid_alarms = [a for a in alarms if "imu." not in a]
         isolated = [s for s in SUBJECTS if health[s] == "isolated"]
@@ -166,8 +167,9 @@ class Reporter:
             "altimeter": sensor("altimeter", "damps height"),
             "doppler": sensor("doppler", "3 axes"),
             "imu-fdi": BlockView(
-                health="suspect" if imu_alarms else "ok",
-                text=" ".join(n.removeprefix("imu.") for n in imu_alarms)[:26]
+                health="suspect" if imu_alarms or unclear else "ok",
+                text=" ".join(f"{n}: cannot isolate" for n in unclear[:1])
+                or " ".join(n.removeprefix("imu.") for n in imu_alarms)[:26]
                 or f"{controls.settings.imu_driving_test}",
             ),
             "sins": BlockView(
@@ -216,7 +218,7 @@ class Reporter:
             alarm = False
             if output is not None and detail is not None:
                 column = TESTS.index(("parity", f"imu.{cluster}"))
-                ratio = np.sqrt(output.statistic[0, column] / output.threshold[0, column])
+                ratio = np.sqrt(np.nan_to_num(output.statistic[0, column] / output.threshold[0, column]))
                 p = detail.parity[0, c]
                 vector = _vector(p / max(float(np.linalg.norm(p)), 1e-30) * min(float(ratio), 2.0))
                 alarm = bool(output.alarm[0, column])

@@ -161,7 +161,7 @@ STAR_SYSTEM: Choices = {
 }
 
 
-@pytest.mark.parametrize("combination", every(STAR_SYSTEM), ids=name)
+@pytest.mark.parametrize("combination", list(every(STAR_SYSTEM)), ids=name)
 def test_given_any_combination_then_sins_gps_bd2_cns_ends_finite_consistent_and_with_the_right_one_out(combination):
     redundant, driver = combination["configuration"] == "redundant", combination["driving_test"]
     faults = [Fault(channel="gps.position.all", kind="bias", magnitude=60.0, start=60.0, end=90.0)]

@@ -43,9 +43,19 @@ class Files:
 
 
 def files(
-    epochs: int = 40, interval: float = 30.0, noise: float = 0.5, seed: int = 1, position: bool = True, days: int = 0
+    epochs: int = 40,
+    interval: float = 30.0,
+    noise: float = 0.5,
+    seed: int = 1,
+    position: bool = True,
+    days: int = 0,
+    steps: int = 0,
 ) -> Files:
-    """A log of so many epochs; ``position``: the header has the antenna's; ``days``: later by so many."""
+    """A log of so many epochs.
+
+    ``position``: the header has the antenna's; ``days``: later by so many; ``steps``: milliseconds that the receiver's
+    clock is set back by in the middle.
+    """
     rng = np.random.default_rng(seed)
     start = START + timedelta(days=days)
     times = interval * np.arange(epochs)
@@ -62,6 +72,8 @@ def files(
         moment = start + timedelta(seconds=t)
         seen, ranges = _pseudoranges(t)
         ranges = ranges + noise * rng.standard_normal(len(ranges))
+        if 2.0 * t >= times[-1]:
+            ranges = ranges - steps * 1e-3 * earth.SPEED_OF_LIGHT
         second = moment.second + moment.microsecond * 1e-6
         names = "".join(f"G{slot + 1:02d}" for slot in seen)
         lines.append(f"{moment: %y %m %d %H %M}{second:11.7f}  0{len(seen):3d}{names}")

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ftcore import earth
 from ftcore.sensors import broadcast, rinex_text
 from ftcore.sensors.broadcast import Ephemerides
 from ftcore.sensors.rinex_text import NAVIGATION, OBSERVATION, LogError, Observations, refusal
@@ -32,6 +33,7 @@ _BLOCK: Final = 40
 """Epochs that georinex is given at a time: its RINEX 3 reader takes a time that grows with the square."""
 _GPS_EPOCH: Final = np.datetime64("1980-01-06T00:00:00", "ns")
 _WEEK: Final = 604800.0
+_MILLISECOND: Final = 1e-3 * earth.SPEED_OF_LIGHT
 
 _folder: Path | None = None
 
@@ -44,7 +46,8 @@ class ObservationLog:
         start: time of the first epoch, for a person.
         interval: seconds between epochs.
         week_seconds: (epochs,) the receiver's time tags, seconds of the first epoch's GPS week [s].
-        pseudorange: (epochs, 32) on L1, by satellite number from 1 on [m]; NaN where there is none.
+        pseudorange: (epochs, 32) on L1, by satellite number from 1 on [m]; NaN where there is none. Without the whole
+            milliseconds by which a receiver sets its clock now and then: they are in all satellites alike.
         satellites: (epochs, 32, 3) position at emission, Earth-fixed of that time [m]; NaN where unknown.
         clock: (epochs, 32) the satellite clock's error, with relativity and group delay [m].
         ionosphere: (8,) Klobuchar's coefficients, or None if the navigation file has none.
@@ -112,7 +115,7 @@ def parse(observation: bytes, navigation: bytes) -> ObservationLog:
         start=_text(seconds[0]),
         interval=interval,
         week_seconds=seconds - week * _WEEK,
-        pseudorange=np.where(located, pseudorange, np.nan),
+        pseudorange=_steady(seconds, np.where(located, pseudorange, np.nan)),
         satellites=position,
         clock=clock,
         ionosphere=ephemerides.ionosphere,
@@ -204,6 +207,21 @@ def _grid(stamps: Array, pseudorange: Array, nominal: float | None) -> tuple[Arr
     grid = np.full((len(seconds), PRNS), np.nan)
     seconds[place], grid[place] = stamps, pseudorange
     return seconds, interval, grid, float(np.floor(stamps[0] / _WEEK))
+
+
+def _steady(time: Array, pseudorange: Array) -> Array:
+    """Pseudoranges (epochs, s) without the steps of whole milliseconds in the receiver's clock.
+
+    Such a step is 300 km in all satellites at once; what their motion and the clock's drift add in a minute is less
+    than a quarter of that. Over longer gaps nothing can be said, and nothing is done.
+    """
+    rows = np.flatnonzero(np.isfinite(pseudorange).any(axis=1))
+    change = np.diff(pseudorange[rows], axis=0)
+    near = (np.diff(time[rows]) <= 60.0) & (np.isfinite(change).sum(axis=1) >= 3)
+    steps = np.zeros(len(pseudorange))
+    if near.any():
+        steps[rows[1:][near]] = np.rint(np.nanmedian(change[near], axis=1) / _MILLISECOND)
+    return np.asarray(pseudorange - _MILLISECOND * np.cumsum(steps)[:, None])
 
 
 def _ephemerides(text: str) -> Ephemerides:

@@ -192,6 +192,19 @@ def test_given_ephemerides_said_twice_then_no_satellite_is_lost(made):
     np.testing.assert_array_equal(twice.pseudorange, rinex.parse(made.observation, made.navigation).pseudorange)
 
 
+@pytest.mark.parametrize("interval", [1.0, 30.0])
+@pytest.mark.parametrize("steps", [1, -3])
+def test_given_a_receiver_that_sets_its_clock_then_nobody_notices(tmp_path, interval, steps):
+    """The time tags stay, so the satellites are taken a few metres on: a millisecond of their motion."""
+    steady, stepped = files(EPOCHS, interval), files(EPOCHS, interval, steps=steps)
+    one, two = (rinex.parse(log.observation, log.navigation) for log in (steady, stepped))
+    np.testing.assert_allclose(two.pseudorange, one.pseudorange, atol=2e-3)
+    assert np.nanmax(np.linalg.norm(two.satellites - one.satellites, axis=-1)) < 4.0 * abs(steps)
+    sim = Simulation(Scenario.model_validate(log_scenario(*kept(stepped, tmp_path)))).advance()
+    assert error(sim, "combined").max() < 10.0
+    assert not [event for event in sim.events if event.kind in ("filter.reset", "subsystem.isolated")]
+
+
 # ---- what is wrong says where
 
 

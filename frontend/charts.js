@@ -4,7 +4,7 @@
  * @import {Chart, SystemDescription, Trace} from './types'
  */
 import { ghostRecording } from './ghost.js';
-import { extremes, searchAfter, strided } from './recording.js';
+import { extremes, means, searchAfter, strided } from './recording.js';
 import { recording } from './session.js';
 import { levelAxis, linearAxis, logAxis, stackAxis } from './axes.js';
 import { timeTicks } from './format.js';
@@ -76,7 +76,9 @@ export class Drawing {
     const to = Math.min(time.length, searchAfter(time, frame.range[1]) + 1);
     const points = frame.live ? LIVE_POINTS : STILL_POINTS;
     const traces = this.present().filter((t) => !this.hidden.has(t.signal));
-    const shared = this.chart.stacked ? strided(from, to, points) : null;
+    // A stack finer than the screen would be stripes; its means are what can be seen of it.
+    const stretches = this.chart.stacked ? Math.min(points, Math.round(width / 2)) : 0;
+    const middles = stretches ? means(time, from, to, stretches) : null;
     const data = [];
     /** @type {Float64Array[]} */
     const extents = [];
@@ -105,16 +107,16 @@ export class Drawing {
     for (const trace of [...traces].reverse()) {
       const column = recording.column(trace.signal);
       if (!column) continue;
-      const rows = shared ?? (trace.role === 'threshold' ? strided(from, to, points) : extremes(column, from, to, points));
-      const y = pick(column, rows, 1 / this.#scale(trace.signal));
+      const rows = trace.role === 'threshold' || middles ? strided(from, to, points) : extremes(column, from, to, points);
+      const y = middles ? means(column, from, to, stretches).map((v) => v / this.#scale(trace.signal)) : pick(column, rows, 1 / this.#scale(trace.signal));
       // Nothing at or below zero has a place on a logarithmic axis; a gap is more honest than a plunge.
       if (this.chart.scale === 'log') for (let i = 0; i < y.length; i += 1) if (y[i] <= 0) y[i] = NaN;
       if (!y.some(Number.isFinite)) continue;
       const look = this.style(trace);
       // Steps that coincide would hide each other: each line keeps a little beside its level.
       if (this.chart.levels.length) for (let i = 0; i < y.length; i += 1) y[i] += BESIDE * (traces.indexOf(trace) - (traces.length - 1) / 2);
-      const drawn = line(pick(time, rows, 1), y, this.chart.levels.length ? { ...look, shape: 'hv' } : look);
-      data.push(this.chart.stacked ? { ...drawn, stackgroup: 'all', fillcolor: tint(look.color, 0.5), line: { ...drawn.line, width: 1 } } : drawn);
+      const drawn = line(middles ?? pick(time, rows, 1), y, this.chart.levels.length ? { ...look, shape: 'hv' } : look);
+      data.push(this.chart.stacked ? { ...drawn, stackgroup: 'all', fillcolor: tint(look.color, 0.6), fillpattern: hatch(look), line: { ...drawn.line, width: 0 } } : drawn);
       extents.push(y);
     }
     const axis = this.#axis(extents, ends);
@@ -162,6 +164,11 @@ export class Drawing {
 export function haunted(traces) {
   const guarded = traces.filter((t) => t.role === 'protected');
   return guarded.length ? guarded : traces.filter((t) => t.role !== 'threshold' && t.role !== 'weight');
+}
+
+/** Areas of one colour are told apart as lines are: by what would be a dash. @param {import('./traces.js').Style} look */
+function hatch(look) {
+  return look.dash === 'solid' ? {} : { shape: '/', fgcolor: color('panel'), size: 7, solidity: 0.2, fillmode: 'overlay' };
 }
 
 /** Words of levels, inside the chart: beside it there is room for numbers only. @param {readonly string[]} levels @param {number} from */

@@ -148,7 +148,29 @@ export function extremes(column, from, to, points) {
 }
 
 /**
- * Rows at an even stride: for bands and stacks, which need a shared time axis.
+ * Means of `column[from, to)` over so many equal stretches: shares that sum to one still do. What has no value is left out.
+ * @param {Float64Array} column
+ * @param {number} from
+ * @param {number} to
+ * @param {number} stretches
+ */
+export function means(column, from, to, stretches) {
+  const count = Math.min(stretches, to - from);
+  return Float64Array.from({ length: Math.max(0, count) }, (_, i) => {
+    const end = from + Math.floor(((i + 1) * (to - from)) / count);
+    let sum = 0;
+    let known = 0;
+    for (let row = from + Math.floor((i * (to - from)) / count); row < end; row += 1) {
+      if (Number.isNaN(column[row])) continue;
+      sum += column[row];
+      known += 1;
+    }
+    return known ? sum / known : NaN;
+  });
+}
+
+/**
+ * Rows at an even stride: for bands, which need a shared time axis.
  * @param {number} from
  * @param {number} to
  * @param {number} points

@@ -14,6 +14,8 @@ const BOTTOM = 29;
 const LIVE_POINTS = 300;
 const STILL_POINTS = 1500;
 const SHEET_ROWS = 500;
+/** Points nearer to each other than this are one [px]. */
+const CELL = 2;
 /** How far beyond its limit a chart reaches, at least and at most. */
 const BEYOND = [1.3, 2.5];
 /** @type {Record<string, [string, number]>} */
@@ -32,11 +34,12 @@ export function drawXy(moment, frame) {
   const span = axes(moment, clouds, limit);
   const data = [];
   let beyond = 0;
+  const cell = { x: ((span.x[1] - span.x[0]) / moment.size.width) * CELL, y: ((span.y[1] - span.y[0]) / moment.size.height) * CELL };
   for (const { trace, rows } of clouds) {
     const look = style(chart, trace);
-    const x = shown(moment, trace.across, rows, span.x[1]);
-    const y = shown(moment, trace.signal, rows, span.y[1]);
-    beyond += x.out.filter((out, i) => out || y.out[i]).length;
+    const [allX, allY] = [shown(moment, trace.across, rows, span.x[1]), shown(moment, trace.signal, rows, span.y[1])];
+    beyond += allX.out.filter((out, i) => out || allY.out[i]).length;
+    const [x, y] = apart(allX, allY, cell);
     data.push({
       type: 'scatter', mode: 'markers', x: x.values, y: y.values, cliponaxis: false,
       marker: { size: 4.5, color: look.color, opacity: 0.7, symbol: x.out.map((out, i) => (out ? 'triangle-right' : y.out[i] ? 'triangle-up' : 'circle')) },
@@ -107,6 +110,22 @@ function shown(moment, signal, rows, end) {
   const factor = moment.factor(signal ?? '');
   const raw = [...rows].map((row) => (column ? column[row] / factor : NaN));
   return { values: raw.map((v) => Math.min(v, end)), out: raw.map((v) => v > end) };
+}
+
+/** @typedef {{values: number[], out: boolean[]}} Coordinate */
+
+/** One point of all that would be drawn on top of each other. @param {Coordinate} x @param {Coordinate} y @param {{x: number, y: number}} cell @returns {[Coordinate, Coordinate]} */
+function apart(x, y, cell) {
+  /** @type {Set<string>} */
+  const taken = new Set();
+  const kept = x.values.map((_, i) => i).filter((i) => {
+    const key = `${Math.round(x.values[i] / cell.x)}/${Math.round(y.values[i] / cell.y)}`;
+    if (key.includes('NaN') || taken.has(key)) return false;
+    taken.add(key);
+    return true;
+  });
+  const only = (/** @type {Coordinate} */ one) => ({ values: kept.map((i) => one.values[i]), out: kept.map((i) => one.out[i]) });
+  return [only(x), only(y)];
 }
 
 /** @param {Moment} moment @param {Cloud[]} clouds @param {number} limit */

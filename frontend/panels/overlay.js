@@ -4,6 +4,8 @@ import { clock } from '../format.js';
 import { joined } from '../marks.js';
 /** @import {Span} from '../types' */
 
+const MOST_ALARMS = 16;
+
 /**
  * @typedef {object} Mark
  * @property {string} key
@@ -36,7 +38,8 @@ export function drawn(spans, now, gap) {
     add(span, 'injected', span.start, 'fault');
     add(span, 'cleared', span.end, 'fault over');
   }
-  for (const span of alarmed) add(span, 'alarmed', span.start, 'alarm');
+  // So many lines would hide what they are drawn over; the rail above every chart still has them all.
+  if (alarmed.length <= MOST_ALARMS) for (const span of alarmed) add(span, 'alarmed', span.start, 'alarm');
   for (const span of isolated) {
     add(span, 'isolated', span.start, 'isolated');
     add(span, 'readmitted', span.end, 're-admitted');

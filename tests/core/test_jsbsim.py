@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from ftcore import Scenario, Simulation, catalogue
 from ftcore.simulation import CommandError
 from ftcore.world.aircraft import FOOT, S, derivative, f16, steady_thrust, trim
-from tests.redundant_imu import pair, scenario
+from tests.redundant_imu import bias, pair, scenario
 
 pytest.importorskip("jsbsim", reason="jsbsim is not installed")
 from ftcore.world.aircraft import jsbsim_f16
@@ -137,6 +137,23 @@ def test_what_jsbsim_cannot_begin_with_is_refused_at_its_field(wrong, place, mes
     with pytest.raises(ValidationError, match=message) as refused:
         scenario(parameters=JSBSIM | wrong)
     assert refused.value.errors()[0]["loc"] == place
+
+
+def test_a_flight_too_long_to_be_kept_is_refused():
+    with pytest.raises(CommandError, match="at most 1000 s") as refused:
+        Simulation(scenario(duration=2000.0, parameters=JSBSIM))
+    assert refused.value.field == "duration"
+
+
+def test_given_gyros_that_read_nonsense_then_nothing_is_ever_infinite():
+    """The aircraft without FDI departs, and reaches the ground."""
+    low = {"flight": {"height": 300.0}}
+    faults = [bias("1x", 30.0, 0.5), bias("2y", -900.0, 2.0)]
+    sim = Simulation(scenario(faults, 12.0, parameters=JSBSIM | low), runs=2).advance()
+    for name, column in sim.recording.column.items():
+        if not name.startswith("residual.ukf.") and not name.endswith(".statistic"):
+            assert np.isfinite(sim.recording.rows[..., column]).all(), name
+    assert (sim["unprotected.distance"][-1] > 100.0).all()
 
 
 def test_without_the_package_it_is_said_what_to_install(monkeypatch):

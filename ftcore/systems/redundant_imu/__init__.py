@@ -58,7 +58,7 @@ class RedundantImu:
         plant: Plant | JsbsimPlant
         law: Augmentation | StickLaw
         if p.plant == "jsbsim":
-            plant, law = JsbsimPlant(p, cluster.H, noise), StickLaw(wanted)
+            plant, law = JsbsimPlant(p, cluster.H, noise, duration), StickLaw(wanted)
         else:
             plant, law = Plant(p, cluster.H, noise), augmentation(believed, p.flight, wanted)
         alignment = plant.alignment()

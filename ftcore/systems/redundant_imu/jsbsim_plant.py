@@ -23,6 +23,9 @@ from ftcore.world.aircraft import REGULATED, C, S, f16, jsbsim_f16, steady_thrus
 
 Array = NDArray[np.float64]
 
+LONGEST = 1000.0
+"""Seconds of the longest flight."""
+
 _PLACE = {state: i for i, state in enumerate(REGULATED)}
 
 PATH, HEIGHT, SINK_IN, DAMPING = 2.0, 0.3, 4.0, 3.0
@@ -65,10 +68,16 @@ class StickLaw:
 class JsbsimPlant:
     """See :class:`ftcore.systems.base.Plant`. The command is ``(runs, 3 aircraft, 4)`` sticks of :class:`StickLaw`.
 
-    Raises JsbsimError for a first leg that JSBSim cannot begin with, or where there is no JSBSim.
+    Raises JsbsimError for a first leg that JSBSim cannot begin with, for a flight that lasts too long, or where there
+    is no JSBSim.
     """
 
-    def __init__(self, p: Parameters, axes: Array, noise: NoiseSource) -> None:
+    def __init__(self, p: Parameters, axes: Array, noise: NoiseSource, duration: float) -> None:
+        if duration > LONGEST:
+            raise jsbsim_f16.JsbsimError(
+                f"JSBSim's F-16 flies at most {LONGEST:g} s, not {duration:g}: all it was told is kept in memory",
+                "duration",
+            )
         self._p, self._axes, self._noise = p, axes, noise
         leg, speed = p.flight.legs[0], units.to_si(p.flight.speed, "ft/s")
         climb, heading = units.to_si(leg.climb_rate, "ft/s"), math.radians(p.flight.heading)

@@ -51,9 +51,11 @@ _STICK = ("fcs/throttle-cmd-norm", "fcs/elevator-cmd-norm", "fcs/aileron-cmd-nor
 
 
 class JsbsimError(ValueError):
-    """JSBSim cannot fly this, or is not there; one sentence. ``field`` names the parameter that asked for it."""
+    """JSBSim cannot fly this, or is not there; one sentence. ``field``: the part of a scenario that asked for it."""
 
-    field = "parameters.plant"
+    def __init__(self, message: str, field: str = "parameters.plant") -> None:
+        super().__init__(message)
+        self.field = field
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,13 @@ class Settings(BaseModel):
     def _split(cls, value: Any) -> Any:
         return tuple(part.strip() for part in value.split(",") if part.strip()) if isinstance(value, str) else value
 
+    @field_validator("frontend")
+    @classmethod
+    def _holds_the_page(cls, value: Path) -> Path:
+        if not (value / "index.html").is_file():
+            raise ValueError("a folder with the page's index.html is needed")
+        return value
+
     @model_validator(mode="after")
     def _others_need_a_token(self) -> Self:
         if self.host not in LOOPBACK and self.token is None:

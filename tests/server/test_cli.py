@@ -64,6 +64,8 @@ def short(tmp_path: Path) -> str:
         (["serve"], {"FTLAB_HOST": "192.168.1.7"}, "needs a token"),
         ([], {"PORT": "seven"}, "port"),
         (["serve"], {"FTLAB_WORKERS": "0"}, "workers"),
+        (["serve"], {"FTLAB_FRONTEND": "/no/such/folder"}, "frontend: a folder with the page's index.html"),
+        (["serve"], {"FTLAB_MAX_OBSERVATION_BYTES": "999999999"}, "max_observation_bytes"),
         (["serve", "--host", "no.such.host.invalid"], {"FTLAB_TOKEN": "x"}, "cannot be bound"),
         (["run"], {}, "scenario"),
         (["run", "atlantis"], {}, "zhang-1992"),

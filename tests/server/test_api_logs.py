@@ -17,6 +17,7 @@ from fastapi.testclient import TestClient
 from rest_lab import API, client_of, served
 
 from server.settings import Settings
+from server.uploads import Uploads
 from tests.synthetic_log import Files, files
 
 pytest.importorskip("georinex", reason="georinex is not installed")
@@ -161,6 +162,23 @@ def test_there_is_room_for_so_many_bytes_and_so_many_experiments(made: Files) ->
             client.delete(f"{API}/experiments/{one['id']}")
         flown(client, other)
         assert len(list(client.app.state.registry.uploads.folder.iterdir())) == 2  # type: ignore[attr-defined]
+
+
+def test_files_are_kept_while_somebody_reads_them() -> None:
+    uploads = Uploads(100)
+    try:
+        with uploads.adding(b"one", b"two") as names:
+            for name, content in zip(names, (b"one", b"two"), strict=True):
+                uploads.write(name, content)
+            with uploads.holding(names[:1]):
+                uploads.keep(set())
+                assert [(uploads.folder / name).read_bytes() for name in names] == [b"one", b"two"]
+        uploads.keep({names[1]})
+        assert [path.name for path in uploads.folder.iterdir()] == [names[1]]
+        uploads.keep(set())
+        assert len(uploads) == 0
+    finally:
+        uploads.close()
 
 
 PATHS = ["/etc/passwd", "../{name}", "./{name}", "{folder}/{name}", "sub/{name}", ".", "..", "~", "\x00",

@@ -72,6 +72,7 @@ export class ChartPanel extends Panel {
 
   paint() {
     this.drawing.draw(this.frame());
+    this.classList.toggle('blank', recording.length > 0 && !this.drawing.present().length);
     if (this.drawing.present().length !== this.#values.length) this.#drawLegend();
     else this.read();
   }

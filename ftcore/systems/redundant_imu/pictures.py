@@ -11,24 +11,24 @@ def blocks() -> list[Block]:
     test = ("driving_test", "false_alarm_probability", "angle_threshold")
     gyros = [
         Block(
-            id=f"gyro-{k}", label=f"Gyro {k}", kind="sensor", x=1, y=2 + 13 * (k - 1), width=22, height=11,
+            id=f"gyro-{k}", label=f"Gyro {k}", kind="sensor", x=1, y=2 + 13 * (k - 1), width=21, height=11,
             sensor=f"{GYRO}.{k}", subsystem=f"{GYRO}.{k}",
         )
         for k in (1, 2, 3)
     ]  # fmt: skip
     return [
         *gyros,
-        Block(id="air", label="Air data", kind="sensor", x=1, y=41, width=22, height=11, sensor=AIR, subsystem=AIR),
-        Block(id="geometry", label="Geometry", kind="computer", x=1, y=55, width=22, height=11),
-        Block(id="detection", label="Detection", kind="test", x=28, y=2, width=21, height=12, settings=test),
-        Block(id="isolation", label="Isolation", kind="test", x=28, y=19, width=21, height=12, settings=test),
-        Block(id="ukf", label="UKF", kind="filter", x=28, y=41, width=21, height=12, settings=("hybrid", "lead")),
+        Block(id="air", label="Air data", kind="sensor", x=1, y=41, width=21, height=11, sensor=AIR, subsystem=AIR),
+        Block(id="geometry", label="Geometry", kind="computer", x=1, y=55, width=21, height=11),
+        Block(id="detection", label="Detection", kind="test", x=26, y=2, width=23, height=12, settings=test),
+        Block(id="isolation", label="Isolation", kind="test", x=26, y=19, width=23, height=12, settings=test),
+        Block(id="ukf", label="UKF", kind="filter", x=26, y=41, width=23, height=12, settings=("hybrid", "lead")),
         Block(
-            id="supervisor", label="Supervisor", kind="supervisor", x=54, y=19, width=20, height=14,
+            id="supervisor", label="Supervisor", kind="supervisor", x=52, y=19, width=23, height=14,
             settings=("confirm", "within", "hold_off"),
         ),
-        Block(id="control", label="LQR control", kind="master", x=79, y=19, width=20, height=14),
-        Block(id="mission", label="F-16", kind="computer", x=79, y=48, width=20, height=14),
+        Block(id="control", label="LQR control", kind="master", x=78, y=19, width=21, height=14),
+        Block(id="mission", label="F-16", kind="computer", x=78, y=48, width=21, height=14),
     ]  # fmt: skip
 
 

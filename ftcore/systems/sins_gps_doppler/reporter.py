@@ -150,9 +150,10 @@ class Reporter:
             texts = {"ok": "in the master", "suspect": "withheld", "isolated": "excluded", "off": "no measurement"}
             return BlockView(health=health[name], text=texts[health[name]])
 
-        satellites = "waiting" if detail is None else f"{int(detail.in_use[0])} satellites"
-        if detail is not None and detail.excluded[0]:
-            satellites += f", {int(detail.excluded[0])} out"
+        satellites = "waiting"
+        if detail is not None:
+            taken, out = int(detail.in_use[0]), int(detail.excluded[0])
+            satellites = f"{taken} of {taken + out} used" if out else f"{taken} satellites"
         unclear = [a.split(".")[1] for a in alarms if a.startswith("parity-trusted")]
         imu_alarms = sorted({a.split(" ")[1] for a in alarms if "imu." in a and a.count(".") == 2})
         aid_alarms = [a for a in alarms if "imu." not in a]

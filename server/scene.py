@@ -66,7 +66,7 @@ class Scene:
 
     def __init__(self, server: viser.ViserServer, items: Sequence[SceneItem]) -> None:
         self._server = server
-        self._radius = 0.0
+        self._radius = self._ways_radius = 0.0
         families = {family: i for i, family in enumerate(dict.fromkeys(item.family for item in items))}
         scene = server.scene
         scene.set_up_direction("+z")
@@ -122,7 +122,7 @@ class Scene:
         self._picture = picture
         for part in self._ground:
             part.visible = picture in self._grounded
-        self._radius = 0.0
+        self._ways_radius = 0.0
         self._look(LEAST_RADIUS)
 
     def _look_over(self, points: NDArray[np.float64]) -> None:
@@ -132,11 +132,12 @@ class Scene:
             return
         low, high = np.minimum(points.min(axis=0), 0.0), np.maximum(points.max(axis=0), 0.0)
         radius = max(0.5 * float(np.linalg.norm(high - low)), 0.25)
-        if not 0.55 * self._radius < radius < self._radius:
+        if not 0.55 * self._ways_radius < radius < self._ways_radius:
+            self._ways_radius = 1.2 * radius
             east, north = points[-1, :2]
             # From the right-hand side of the way, so that its length and its height are seen.
             side = np.array([north, -east, 0.45 * math.hypot(east, north)])
-            self._look(1.2 * radius, 0.5 * (low + high), side if side.any() else FROM)
+            self._look(self._ways_radius, 0.5 * (low + high), side if side.any() else FROM)
 
     def _look(self, radius: float, middle: NDArray[np.float64] | None = None, side: NDArray[np.float64] = FROM) -> None:
         """Stand where everything within ``radius`` is seen; who is looking already is taken along.

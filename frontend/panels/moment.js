@@ -13,6 +13,8 @@ export class MomentPanel extends Panel {
   visible = false;
   /** @type {Picture | null} */
   #picture = null;
+  /** What had the keys last. */
+  #current = '';
 
   /** @param {Chart} chart @param {SystemDescription} description @param {() => Frame} frame */
   constructor(chart, description, frame) {
@@ -63,8 +65,6 @@ export class MomentPanel extends Panel {
       element.tabIndex = t === active ? 0 : -1;
     });
   }
-
-  #current = '';
 
   /** @param {Target} target */
   #target(target) {

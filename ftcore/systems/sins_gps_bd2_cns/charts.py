@@ -17,7 +17,8 @@ from ftcore.systems.sins_gps_bd2_cns.names import (
     subject_label,
 )
 
-COMPARED = ("fused", "without-imm", "unprotected")
+COMPARED = ("fused", "unprotected")
+"""Shown in one chart. Without the IMM a wrong reference may cost kilometres: that has charts of its own."""
 
 
 def _error_chart(quantity: str, part: str, title: str, shown: bool = False) -> Chart:
@@ -32,6 +33,37 @@ def _error_chart(quantity: str, part: str, title: str, shown: bool = False) -> C
     )
     unit = ERRORS[quantity][0]
     return Chart(id=f"{quantity}-{part}", title=title, unit=unit, group="errors", traces=traces, shown=shown)
+
+
+def _imm_chart(quantity: str, part: str, title: str) -> Chart:
+    traces = tuple(
+        Trace(
+            signal=f"{estimator}.error.{quantity}.{part}",
+            label=ESTIMATORS[estimator],
+            role=ROLES[estimator],  # type: ignore[arg-type]
+            sigma=f"{estimator}.sigma.{quantity}.{part}" if estimator == "without-imm" else None,
+        )
+        for estimator in ("without-imm", "fused")
+    )
+    unit = ERRORS[quantity][0]
+    return Chart(id=f"imm-{quantity}-{part}", title=title, unit=unit, group="with and without IMM", traces=traces)
+
+
+def _imm_test_chart(subject: str) -> Chart:
+    traces = (
+        Trace(signal=f"test.two-propagator-without-imm.{subject}.statistic", label="without IMM", role="unprotected"),
+        Trace(signal=f"test.two-propagator.{subject}.statistic", label="with IMM", role="statistic"),
+        Trace(signal=f"test.two-propagator.{subject}.threshold", label="rejected from here", role="threshold"),
+    )
+    return Chart(
+        id=f"imm-{subject}",
+        title=f"q of {subject_label(subject)}, with and without IMM",
+        unit="1",
+        group="with and without IMM",
+        scale="log",
+        traces=traces,
+        shown=subject == "gps",
+    )
 
 
 def _alone_chart(quantity: str, part: str, title: str) -> Chart:
@@ -81,6 +113,7 @@ def charts() -> list[Chart]:
         )
     ]
     found += [_test_chart("two-propagator", subject, shown=subject == "gps") for subject in AIDS]
+    found += [_imm_test_chart(subject) for subject in AIDS]
     found.append(
         Chart(
             id="models",
@@ -99,7 +132,7 @@ def charts() -> list[Chart]:
     found += [_error_chart("position", p, f"{n} error" if p == "up" else f"{n} position error", shown=p == "east")
               for p, n in names.items()]  # fmt: skip
     names["up"] = "Vertical"
-    found += [_error_chart("velocity", p, f"{n} velocity error", shown=p == "east") for p, n in names.items()]
+    found += [_error_chart("velocity", p, f"{n} velocity error") for p, n in names.items()]
     names = {"east": "East tilt", "north": "North tilt", "up": "Azimuth"}
     found += [_error_chart("attitude", p, f"{n} error", shown=p == "up") for p, n in names.items()]
     found.append(
@@ -116,6 +149,12 @@ def charts() -> list[Chart]:
         )
     )
     found += [_test_chart(test, subject) for test in AID_TESTS[1:] for subject in AIDS]
+    words = {
+        "position": ("East position", "east"),
+        "velocity": ("East velocity", "east"),
+        "attitude": ("Azimuth", "up"),
+    }
+    found += [_imm_chart(quantity, part, f"{n} error, with and without IMM") for quantity, (n, part) in words.items()]
     found.append(
         Chart(
             id="validity",
@@ -157,7 +196,7 @@ def charts() -> list[Chart]:
             scale="log",
             traces=tuple(
                 Trace(signal=f"{e}.nees", label=ESTIMATORS[e], role=ROLES[e])  # type: ignore[arg-type]
-                for e in COMPARED
+                for e in ("fused", "without-imm", "unprotected")
             ),
         )
     )

@@ -80,7 +80,7 @@ def test_each_propagator_may_have_mode_probabilities_of_its_own():
 
 @pytest.mark.parametrize("age", [1, 30, 60])
 def test_without_a_fault_every_q_is_chi_square_on_three(age):
-    flight = Flight(age, 8_000)
+    flight = Flight(age, 5_000)
     pair = start_propagators(*flight.start())
     for _ in range(age):
         y = flight.step()
@@ -167,7 +167,7 @@ def test_the_state_form_sees_a_step_later_than_the_innovation_form():
 
 def test_the_state_form_keeps_its_false_alarm_rate_on_a_matched_filter():
     """One model, true noise: W = P_S - P_KF is exact, so q is chi-square on its three rows; runs are independent."""
-    flight = Flight(8, 3_000)
+    flight = Flight(8, 1_500)
     whole = imm.start(*flight.start(), [1.0])
     pair = start_propagators(*flight.start())
     one = flight.Q_models[:, :1]

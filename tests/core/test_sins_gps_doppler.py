@@ -61,8 +61,8 @@ def test_given_everything_is_unknown_then_the_statistic_is_that_of_least_squares
     rates = least_squares.solve(G, aid.y[:, 0, n:], np.full((20, n), 0.1), aid.valid[:, n:])
     full = ranges.solved & rates.solved
     assert full.sum() > 5
-    assert np.array_equal(epoch.dof[full], (ranges.dof + rates.dof)[full])
-    assert np.allclose(epoch.statistic[full], (ranges.statistic + rates.statistic)[full], rtol=1e-5, atol=2e-3)
+    assert np.array_equal(epoch.dof[full, 0], (ranges.dof + rates.dof)[full])
+    assert np.allclose(epoch.statistic[full, 0], (ranges.statistic + rates.statistic)[full], rtol=1e-5, atol=2e-3)
 
 
 def test_given_a_wrong_satellite_then_both_of_its_rows_go_and_only_its():

@@ -26,6 +26,7 @@ from ftcore.systems.sins_gps_doppler.forms import Settings
 
 Array = NDArray[np.float64]
 CLUSTERS, INSTRUMENTS = 2, 3
+EVERY_CLUSTER = np.ones((1, CLUSTERS), bool)
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class RedundantImu:
         trusted = present & ~out
         complete = trusted.all(axis=-1)
         rest, alarm = _rest(sight, readings, trusted, complete)
-        rest_supervision, undecided = supervisor.step(state.rest, alarm, ~alarm, np.ones((1, CLUSTERS), bool), rules)
+        rest_supervision, undecided = supervisor.step(state.rest, alarm, ~alarm, EVERY_CLUSTER, rules)
         driving = np.zeros((runs, CLUSTERS, INSTRUMENTS), bool)
         if settings.imu_driving_test != "none":
             driving = found[settings.imu_driving_test].alarm.reshape(runs, CLUSTERS, INSTRUMENTS)

@@ -183,7 +183,7 @@ class Navigator:
         feeding = used & has_reading
         by_part = (tests, imu, imu.rest, integrity)  # in the order of the description's tests
         statistic, threshold, dof, alarm = (
-            np.concatenate([np.reshape(getattr(part, field), (runs, -1)) for part in by_part], axis=-1)
+            np.concatenate([getattr(part, field) for part in by_part], axis=-1)
             for field in ("statistic", "threshold", "dof", "alarm")
         )
         judged = dof > 0  # a test without a reading has no statistic: a gap, not a zero

@@ -27,6 +27,7 @@ test. Source: J. Chey et al., ICCAS 2004 (003); R.G. Brown, Navigation 39 (1992)
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,7 @@ class SatelliteEpoch:
 
     Attributes:
         gps: the measurement without the excluded satellites.
-        statistic, threshold, dof, alarm: ``(runs,)`` of the test of all satellites there are; dof 0 when it is off.
+        statistic, threshold, dof, alarm: ``(runs, 1)`` of the test of all satellites there are; dof 0 when it is off.
         health: ``(runs, satellites)`` codes of the supervisor.
         used: ``(runs, satellites)`` whose rows go on to the filters.
         notices: what there is to announce.
@@ -85,6 +86,7 @@ class SatelliteEpoch:
     notices: tuple[Notice, ...]
 
 
+@lru_cache(maxsize=8)
 def start(runs: int) -> SatelliteState:
     """Every satellite trusted."""
     return SatelliteState(supervisor.start(runs, len(SLOTS)), np.full(runs, CONSISTENT, np.int8))
@@ -99,10 +101,10 @@ def step(
     rows = np.broadcast_to(gps.present, (runs, 2 * n))
     there = rows[:, :n] | rows[:, n:]
     if settings.satellite_integrity == "off":
-        nothing, quiet = np.zeros(runs), np.zeros(runs, bool)
+        nothing, quiet = np.zeros((runs, 1)), np.zeros((runs, 1), bool)
         everyone = _spread(there, slots)
         sound = np.where(everyone, supervisor.HEALTHY, supervisor.OFF).astype(np.int8)
-        silent = SatelliteEpoch(gps, nothing, nothing, np.zeros(runs, np.int64), quiet, sound, everyone, ())
+        silent = SatelliteEpoch(gps, nothing, nothing, np.zeros((runs, 1), np.int64), quiet, sound, everyone, ())
         return start(runs), silent
 
     form, verdict = _judge(gps, rows, filters, settings)
@@ -120,10 +122,10 @@ def step(
     trusted = rows & _both(used)
     epoch = SatelliteEpoch(
         gps=gps if np.array_equal(trusted, rows) else replace(gps, valid=trusted),
-        statistic=form.statistic,
-        threshold=verdict.threshold,
-        dof=form.dof,
-        alarm=verdict.alarm,
+        statistic=form.statistic[:, None],
+        threshold=verdict.threshold[:, None],
+        dof=form.dof[:, None],
+        alarm=verdict.alarm[:, None],
         health=decision.health,
         used=_spread(used, slots),
         notices=(*_announced(state.status, status), *_named(decision.just_isolated[:, slots], off, rows, slots)),

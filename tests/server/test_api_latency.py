@@ -19,6 +19,7 @@ from ftcore import Scenario
 from server.app import SWITCH_INTERVAL
 from server.registry import ExperimentRegistry
 from server.settings import REPOSITORY, Settings
+from server.uploads import Uploads
 
 
 def percentile(values: list[float], share: float) -> float:
@@ -110,7 +111,8 @@ def test_the_event_loop_stays_free_while_experiments_race() -> None:
 
 async def _loop_lag() -> float:
     """99th percentile [s] of how late the loop wakes while two experiments race and ten keep pace."""
-    registry = ExperimentRegistry(Settings())
+    uploads = Uploads(1000)
+    registry = ExperimentRegistry(Settings(), uploads)
     scenario = Scenario.load("zhang-1992").model_copy(update={"duration": 3000.0})
     experiments = [await registry.create(scenario) for _ in range(12)]
     for k, experiment in enumerate(experiments):
@@ -121,4 +123,5 @@ async def _loop_lag() -> float:
         await asyncio.sleep(0.005)
         late.append(time.perf_counter() - asleep - 0.005)
     await registry.close()
+    uploads.close()
     return percentile(late, 0.99)

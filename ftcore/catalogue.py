@@ -11,7 +11,8 @@ from pydantic import create_model
 
 from ftcore.description import Indicator, SystemDescription
 from ftcore.scenario import Scenario, ready_ids
-from ftcore.systems.base import Form, Indicated
+from ftcore.sensors.rinex import MAX_EPOCHS
+from ftcore.systems.base import FliesLogs, Form, Indicated
 from ftcore.systems.registry import SYSTEMS
 
 _DEFAULTS: Mapping[str, Any] = MappingProxyType({})
@@ -74,3 +75,23 @@ def scenario(id: str) -> Scenario:
         if ready.id == id:
             return ready
     raise CatalogueError(f"no scenario {id!r}; there are {', '.join(s.id for s in _ready())}")
+
+
+def log_scenario(
+    observation: str,
+    navigation: str,
+    antenna: tuple[float, float, float] | None = None,
+    max_epochs: int = MAX_EPOCHS,
+) -> dict[str, Any]:
+    """Scenario document that plays a receiver's log, by the system that flies logs.
+
+    Args:
+        observation, navigation: RINEX files of the same day.
+        antenna: true position, Earth-fixed [m]; the observation file's approximate position if absent.
+        max_epochs: of the longest log that is taken.
+
+    Raises:
+        LogError: one sentence about the file that cannot be used.
+    """
+    system = next(system for system in SYSTEMS.values() if isinstance(system, FliesLogs))
+    return system.log_scenario(observation, navigation, antenna, max_epochs)

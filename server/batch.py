@@ -13,9 +13,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ftcore import CommandError, Fault, Scenario, Simulation
+from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.score import Score
-from ftcore.systems.gps_receiver.logs import log_scenario
 from server import problems, report
 from server.settings import UserError
 
@@ -73,7 +72,7 @@ def log_from(observation: str | None, navigation: str | None, antenna: str | Non
         missing = "--observation" if observation is None else "--navigation"
         raise UserError(f"a log is two files: {missing} is missing")
     try:
-        return log_scenario(observation, navigation, None if antenna is None else _position(antenna))
+        return catalogue.log_scenario(observation, navigation, None if antenna is None else _position(antenna))
     except ValueError as error:
         raise UserError(str(error)) from None
 

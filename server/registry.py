@@ -15,7 +15,6 @@ from pydantic import ValidationError
 
 from ftcore import Scenario, Simulation, catalogue
 from ftcore.scenario import Change, Clear, Inject
-from ftcore.systems.gps_receiver.logs import log_scenario
 from server import problems
 from server.experiments import Experiment, Workers
 from server.models import whole
@@ -76,7 +75,7 @@ class ExperimentRegistry:
         def make() -> Simulation:
             for name, content in zip(names, files, strict=True):
                 self.uploads.write(name, content)
-            document = log_scenario(names[0], names[1], log.antenna, self.settings.max_log_epochs)
+            document = catalogue.log_scenario(names[0], names[1], log.antenna, self.settings.max_log_epochs)
             return Simulation(Scenario.model_validate(document), max_epochs=self.settings.max_epochs)
 
         try:

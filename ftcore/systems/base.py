@@ -163,6 +163,16 @@ class Indicated(Protocol):
         """The figures, in the order to be shown; quick enough to be asked at every change of a field."""
 
 
+@runtime_checkable
+class FliesLogs(Protocol):
+    """What a system may do besides: fly what a real receiver has recorded."""
+
+    def log_scenario(
+        self, observation: str, navigation: str, antenna: tuple[float, float, float] | None, max_epochs: int
+    ) -> dict[str, Any]:
+        """Scenario document for a pair of RINEX files; a ValueError of one sentence where they cannot be used."""
+
+
 def addresses(description: SystemDescription) -> dict[str, ChannelAddress]:
     """Channel name -> where it lives in the readings."""
     return {c.name: ChannelAddress(c.name, c.group, c.parts, c.unit, c.kinds, c.sensor) for c in description.channels}

@@ -153,8 +153,8 @@ def test_the_view_can_be_had_of_any_moment(flight: Flight) -> None:
     flight.advance(until=5.0)
     assert flight.get("/view")["time"] == 5.0
     assert flight.get("/view", at=2.0)["blocks"]["ruler"]["text"] == "2.0 s"
-    assert flight.do("PUT", "/cursor", {"time": 2.0}) == {"time": 2.0}
-    assert flight.do("PUT", "/cursor", {"time": None}) == {"time": None}
+    assert flight.do("PUT", "/cursor", {"time": 2.0}) == {"time": 2.0, "picture": None}
+    assert flight.do("PUT", "/cursor", {"time": None}) == {"time": None, "picture": None}
 
 
 def test_a_system_says_all_a_page_needs(client: TestClient) -> None:

@@ -36,3 +36,11 @@ class GpsReceiver:
         dt = log.interval
         plant = LogPlant(log, p.log, len(runs))
         return Assembly(plant, Navigator(p, len(runs), dt), Reporter(), TESTS, SUBJECTS, period=dt, epochs=len(log))
+
+    def log_scenario(
+        self, observation: str, navigation: str, antenna: tuple[float, float, float] | None, max_epochs: int
+    ) -> dict[str, Any]:
+        """See :func:`ftcore.systems.gps_receiver.logs.log_scenario`."""
+        from ftcore.systems.gps_receiver.logs import log_scenario
+
+        return log_scenario(observation, navigation, antenna, max_epochs)

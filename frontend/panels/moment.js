@@ -93,6 +93,7 @@ export class MomentPanel extends Panel {
   }
 
   #table() {
+    this.paint();
     if (!this.#picture) return;
     const panel = /** @type {import('./table.js').TablePanel | null} */ (document.querySelector('ft-table'));
     panel?.show(this.chart, this.#picture.sheet, signalsOf(this.chart));

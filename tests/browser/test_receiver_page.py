@@ -20,6 +20,9 @@ def receiver(lab: Lab) -> Lab:
     lab.page.get_by_label("Scenario").select_option("chey-2004")
     expect(lab.page.locator("ft-moment")).to_have_count(3)
     lab.fly_until(70.0)
+    latest = lab.rest("POST", f"/experiments/{lab.id}/advance", {"until": 70.0})["latest"]
+    expect(moment(lab, "Residuals").locator(".words")).to_contain_text(f"D3 {latest['residual.snapshot.D3']:.3g}")
+    expect(moment(lab, "Sky").locator(".words")).to_contain_text("1 out")
     return lab
 
 

@@ -168,6 +168,16 @@ def test_the_reference_is_never_a_propagator_that_was_just_reset():
     assert sim["propagator.reference.age"][30:, 0].min() == 30.0
 
 
+def test_propagators_left_to_their_own_probabilities_grow_wide_and_blind():
+    """In quiet flight the filter knows that Q is small; the transition matrix alone ends at one half and 50 Q_small."""
+    quiet = CALM | {"flight": {"phases": [{"intensity": "low", "duration": 200.0}]}}
+    q = {}
+    for models in ("filter", "own"):
+        sim = Simulation(scenario(duration=200.0, parameters=quiet, propagator_models=models), runs=3).advance()
+        q[models] = sim["test.two-propagator.cns.statistic"][60:].mean()
+    assert q["own"] < 0.5 * q["filter"]
+
+
 def test_weights_are_those_of_inclusion_and_exclusion_and_sum_to_one():
     sim = Simulation(scenario([HARD], duration=60.0), runs=3).advance()
     weights = np.stack([sim[f"weight.{s}"] for s in SUBSETS], axis=-1)

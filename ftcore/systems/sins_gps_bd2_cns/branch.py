@@ -34,6 +34,8 @@ class Branch:
         watch: what is remembered of GPS and BD2 against each other.
         age: seconds since each propagator was reset ``(runs, 2)``.
         known: logarithms of the model probabilities of the last epoch ``(runs, models)``, before their transition.
+        drifting: those that each propagator has by itself ``(runs, 2, models)``: the filter's at its reset, since then
+            moved by the transition matrix alone.
     """
 
     mixture: Mixture
@@ -41,6 +43,7 @@ class Branch:
     watch: Standoff
     age: Array
     known: Array
+    drifting: Array
 
 
 @dataclass(frozen=True)
@@ -83,13 +86,19 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
         recovery.start_standoff(runs, LAYOUT),
         np.zeros((runs, 2)),
         np.broadcast_to(np.log(mu), (runs, len(mu))),
+        np.broadcast_to(np.log(mu), (runs, 2, len(mu))),
     )
 
 
-def predict(branch: Branch, Phi: Array, Q: Array, transition: Array) -> Branch:
-    """Carry everything over one epoch with Phi ``(runs, 15, 15)`` and Q ``(runs, models, 15, 15)``."""
+def predict(branch: Branch, Phi: Array, Q: Array, transition: Array, own: bool) -> Branch:
+    """Carry everything over one epoch with Phi ``(runs, 15, 15)`` and Q ``(runs, models, 15, 15)``.
+
+    ``own``: the propagators' noise is by their own model probabilities, not by the filter's of the moment.
+    """
     prior = imm.predict(branch.mixture, Phi, Q, transition)
-    return replace(branch, mixture=prior, pair=propagators.carry(branch.pair, Phi, Q, prior.mu), age=branch.age + 1.0)
+    drifting = imm.predicted_probabilities(branch.drifting, transition)
+    pair = propagators.carry(branch.pair, Phi, Q, np.exp(drifting) if own else prior.mu)
+    return replace(branch, mixture=prior, pair=pair, age=branch.age + 1.0, drifting=drifting)
 
 
 def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool, recovers: bool) -> tuple[Branch, Examined]:
@@ -140,13 +149,19 @@ def renew(branch: Branch, x: Array, P: Array, where: Flags) -> Branch:
         branch,
         pair=propagators.renew(branch.pair, x, P, where),
         age=np.where(where[:, None], 0.0, branch.age),
+        drifting=np.where(where[:, None, None], branch.mixture.log_mu[:, None], branch.drifting),
     )
 
 
 def alternate(branch: Branch, x: Array, P: Array) -> Branch:
     """The older propagator restarts from an estimate; the other one is the reference from now on."""
     due = np.stack([branch.pair.reference == 0, branch.pair.reference == 1], axis=1)
-    return replace(branch, pair=chi_square.alternate(branch.pair, x, P), age=np.where(due, 0.0, branch.age))
+    return replace(
+        branch,
+        pair=chi_square.alternate(branch.pair, x, P),
+        age=np.where(due, 0.0, branch.age),
+        drifting=np.where(due[:, :, None], branch.mixture.log_mu[:, None], branch.drifting),
+    )
 
 
 def feed_back(branch: Branch, dx: Array) -> Branch:

@@ -181,6 +181,12 @@ class Settings(Supervised):
         "reference is wrong. 002 has no way out of a wrong reference; fused: only the filter with IMM has one, both: "
         "the one without IMM too",
     )
+    propagator_models: Literal["filter", "own"] = Field(
+        default="filter",
+        title="Propagator noise",
+        description="by whose model probabilities: filter, the fusion filter's of the moment; own, those it had at the "
+        "reset, which the transition matrix alone then takes to one half, and small faults hide in 50 Q_small",
+    )
     propagator_period: int = Field(
         default=30,
         ge=2,

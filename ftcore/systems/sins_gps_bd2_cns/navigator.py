@@ -121,7 +121,7 @@ class Navigator:
         state = _master_changed(state, settings)
         if imu.redundant is not None and imu.redundant.changed.any():
             state = _widened(state, _bias_jump(imu.redundant))
-        main, conventional, unprotected, alone = self._predict(state, Phi, Q)
+        main, conventional, unprotected, alone = self._predict(state, Phi, Q, settings.propagator_models == "own")
         probabilities = main.mixture.mu
 
         measured = self._measure(ins, readings, controls)
@@ -210,12 +210,14 @@ class Navigator:
         Qc[:, ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] = walk[1]
         return Qc
 
-    def _predict(self, state: NavigatorState, Phi: Array, Q: Array) -> tuple[Branch, Branch, Mixture, Mixture]:
+    def _predict(
+        self, state: NavigatorState, Phi: Array, Q: Array, own: bool
+    ) -> tuple[Branch, Branch, Mixture, Mixture]:
         """All filters, one epoch on."""
         one, Q_one = Phi[:, 0], Q[:, 0]
         return (
-            fault_tolerant.predict(state.main, one, Q_one, self._transition),
-            fault_tolerant.predict(state.conventional, one, Q_one[:, :1], WITHOUT_IMM),
+            fault_tolerant.predict(state.main, one, Q_one, self._transition, own),
+            fault_tolerant.predict(state.conventional, one, Q_one[:, :1], WITHOUT_IMM, own),
             imm.predict(state.unprotected, Phi[:, -1], Q[:, -1], self._transition),
             imm.predict(state.alone, one[:, None], Q_one[:, None], self._transition),
         )

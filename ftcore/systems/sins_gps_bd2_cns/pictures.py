@@ -28,7 +28,7 @@ def blocks() -> list[Block]:
         ),
         Block(
             id="propagators", label="Propagators", kind="computer", x=50, y=15, width=26, height=11,
-            settings=("propagator_period",),
+            settings=("propagator_period", "propagator_models"),
         ),
         Block(id="filter-gps", label="GPS test", kind="test", x=27, y=29, width=26, height=11, settings=bounds),
         Block(id="filter-bd2", label="BD2 test", kind="test", x=27, y=42, width=26, height=11, settings=bounds),

@@ -39,6 +39,7 @@ class FaultScore(BaseModel):
     id: str
     label: str
     channel: str
+    sensor: str
     start: float
     end: float | None
     time_to_alarm: dict[str, float | None]
@@ -191,6 +192,7 @@ def _fault_score(
         id=str(fault.id),
         label=f"{fault.channel} {KINDS[fault.kind].label}{size}",
         channel=fault.channel,
+        sensor=sensor,
         start=start,
         end=fault.end,
         time_to_alarm=alarm,
@@ -236,13 +238,18 @@ def _family(subject: str) -> list[str]:
 
 
 def _called(description: SystemDescription, subject: str) -> str:
-    """How a person calls a subject: as the subsystem, or as the one thing in the scene that this sensor is."""
+    """How a person calls a subject: as the subsystem, the one thing in the scene it is, or what its channels share."""
     for subsystem in description.subsystems:
         if subsystem.name == subject:
             return subsystem.label
     own = [channel.name for channel in description.channels if channel.sensor == subject]
     items = [item.label for item in description.scene if len(own) == 1 and item.channel == own[0]]
-    return items[0] if items else subject
+    if items:
+        return items[0]
+    labels = [channel.label for channel in description.channels if channel.sensor == subject]
+    first, last = min(labels, default=""), max(labels, default="")
+    shared = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
+    return first[:shared].rstrip(" ,:") or subject
 
 
 def _shown(value: float | None, unit: str) -> float | None:
@@ -288,26 +295,13 @@ def _headline(
     estimators: Mapping[str, EstimatorScore],
     now: float,
 ) -> list[Headline]:
-    """The score strip: the last fault, false alarms, the worst error beside the unprotected twin's, consistency."""
-    items: list[Headline] = []
-    last = max(faults, key=lambda f: f.start, default=None)
-    if last is None:
-        items += [Headline(label="Fault found after", value=None, unit="s", note="no fault yet")]
-        items += [Headline(label="Isolated after", value=None, unit="s", note="no fault yet")]
-    else:
-        found = {n: t for n, t in last.time_to_alarm.items() if t is not None}
-        order = sorted(found, key=lambda n: found[n])
-        labels = {test.name: test.label for test in description.tests}
-        later = "".join(f"; {labels[n]} {found[n]:g} s" for n in order[1:3])
-        note = f"{labels[order[0]]}{later}" if order else "not noticed yet"
-        first = found[order[0]] if order else None
-        which = "Fault" if len({f.start for f in faults}) == 1 else "Last fault"
-        items.append(Headline(label=f"{which} found after", value=first, unit="s", note=note))
-        named = ", ".join(_called(description, s) for s in last.isolated)
-        note = f"{named} named" if named else "nobody isolated"
-        items.append(Headline(label="Isolated after", value=last.time_to_isolate, unit="s", note=note))
-    alarms, epochs = sum(t.alarms for t in tests), sum(t.epochs for t in tests)
-    items.append(Headline(label="False alarms", value=float(alarms), unit="", note=f"of {epochs} fault-free tests"))
+    """The score strip: the fault, or how many of several; false alarms; worst error beside the unprotected twin's."""
+    items = _of_faults(description, faults)
+    drives = {test.name for test in description.tests if test.may_drive}
+    counted = [t for t in tests if t.name in drives]
+    alarms, epochs = sum(t.alarms for t in counted), sum(t.epochs for t in counted)
+    note = f"of {epochs} tests" + (" before a fault could reach them" if faults else "")
+    items.append(Headline(label="False alarms", value=float(alarms), unit="", note=note))
     if len(description.score_headline) > 1 and len(recording):
         mine, twin = description.score_headline[:2]
         since = min((f.start for f in faults), default=SETTLING)
@@ -338,3 +332,50 @@ def _headline(
             )
         )
     return items
+
+
+def _of_faults(description: SystemDescription, faults: Sequence[FaultScore]) -> list[Headline]:
+    """Found and isolated: after how long where one sensor failed, how many where several did or one again."""
+    if not faults:
+        waiting = ("Fault found after", "Isolated after")
+        return [Headline(label=label, value=None, unit="s", note="no fault yet") for label in waiting]
+    wrong = sorted({_called(description, s) for f in faults for s in f.wrong_isolations})
+    named = sorted({_called(description, s) for f in faults for s in f.isolated})
+    words = [f"{', '.join(named)} named"] if named else []
+    words += [f"wrongly: {', '.join(wrong)}"] if wrong else []
+    whom = "; ".join(words) or "nobody isolated"
+    failures: dict[tuple[str, float], list[FaultScore]] = {}
+    for fault in faults:
+        failures.setdefault((fault.sensor, fault.start), []).append(fault)
+    found = [_soonest(together) for together in failures.values()]
+    isolated = [
+        min((f.time_to_isolate for f in together if f.time_to_isolate is not None), default=None)
+        for together in failures.values()
+    ]
+    if len(failures) == 1:
+        labels = {test.name: test.label for test in description.tests}
+        order = sorted(found[0], key=lambda n: found[0][n])
+        later = "".join(f"; {labels[n]} {found[0][n]:g} s" for n in order[1:3])
+        note = f"{labels[order[0]]}{later}" if order else "not noticed yet"
+        first = found[0][order[0]] if order else None
+        return [
+            Headline(label="Fault found after", value=first, unit="s", note=note),
+            Headline(label="Isolated after", value=isolated[0], unit="s", note=whom),
+        ]
+    seen = [min(delays.values()) for delays in found if delays]
+    note = f"the slowest after {max(seen):g} s" if seen else "none noticed yet"
+    count = float(sum(delay is not None for delay in isolated))
+    return [
+        Headline(label=f"Faults found, of {len(failures)}", value=float(len(seen)), unit="", note=note),
+        Headline(label=f"Isolated, of {len(failures)}", value=count, unit="", note=whom),
+    ]
+
+
+def _soonest(faults: Sequence[FaultScore]) -> dict[str, float]:
+    """Test -> delay of its first alarm at any of these faults."""
+    delays: dict[str, float] = {}
+    for fault in faults:
+        for name, delay in fault.time_to_alarm.items():
+            if delay is not None:
+                delays[name] = min(delay, delays.get(name, delay))
+    return delays

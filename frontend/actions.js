@@ -187,7 +187,7 @@ export function setTheme(theme) {
 export const fly = (scenario) =>
   attempt(async () => {
     if (store.get().ghost) ghost.dismiss();
-    await session.create(scenario);
+    await session.fly(scenario);
     store.set({ welcome: true });
   });
 

@@ -5,6 +5,7 @@ import './panels/diagram.js';
 import './panels/scene.js';
 import './panels/score.js';
 import './panels/welcome.js';
+import './panels/full.js';
 import './panels/charts.js';
 import './panels/bench.js';
 import './panels/faults.js';
@@ -52,7 +53,7 @@ async function arrive() {
     await session.create(shared.scenario, { until: shared.time });
     look(shared.cursor);
   } else if (!(named && (await found(named)))) {
-    await session.create(FIRST).catch((error) => another(error, scenarios));
+    await session.fly(FIRST).catch((error) => another(error, scenarios));
     store.set({ welcome: true });
   }
   await scenarios;
@@ -75,12 +76,23 @@ async function found(experiment) {
 async function another(error, scenarios) {
   const [first] = await scenarios;
   if (!(error instanceof Problem) || error.status !== 404 || !first) throw error;
-  await session.create(first.id);
+  await session.fly(first.id);
+}
+
+/** A server without room for this page is no reason for an empty one. */
+async function enter() {
+  try {
+    await arrive();
+    store.set({ full: null });
+  } catch (error) {
+    if (!(error instanceof Problem) || error.status !== 429 || store.get().experiment) throw error;
+    store.set({ full: { text: error.message, again: () => attempt(enter) } });
+  }
 }
 
 theme();
-void attempt(arrive);
+void attempt(enter);
 store.watch((s) => !!s.experiment, (ready) => ready && performance.mark('ready'));
 window.addEventListener('hashchange', () => {
-  if (location.hash.startsWith('#run=')) void attempt(arrive);
+  if (location.hash.startsWith('#run=')) void attempt(enter);
 });

@@ -5,6 +5,7 @@
 import { Problem, commands, read, send } from './api.js';
 import { Recording } from './recording.js';
 import { atBeat } from './scheduler.js';
+import { forsake, makeRoom, own, spare } from './spare.js';
 import { share, store } from './store.js';
 import { Stream } from './stream.js';
 import { signalsOf } from './traces.js';
@@ -248,13 +249,36 @@ export function show(shown) {
 }
 
 /**
+ * Opens a ready scenario, paused at the start: one that is on the server and that nobody has touched, else a new one.
+ * @param {string} scenario
+ */
+export async function fly(scenario) {
+  const idle = await spare(scenario);
+  if (idle) {
+    try {
+      await begin(idle);
+      const { watchers } = await read.experiment(idle.id);
+      // Two pages may have found it at the same time: then each makes its own.
+      if (watchers <= 1) return;
+    } catch (error) {
+      if (!(error instanceof Problem) || error.status !== 404) throw error;
+    }
+  }
+  await create(scenario);
+}
+
+/**
  * Puts a scenario on the server and opens it, paused at the start.
  * @param {string | object} scenario
  * @param {{until?: number, title?: string}} [to]
  */
 export async function create(scenario, to = {}) {
-  /** @type {Experiment} */
-  const experiment = await send(commands.create(scenario, to.title));
+  const make = () => /** @type {Promise<Experiment>} */ (send(commands.create(scenario, to.title)));
+  const experiment = await make().catch(async (error) => {
+    if (!(error instanceof Problem) || error.status !== 429 || !(await makeRoom())) throw error;
+    return make();
+  });
+  own(experiment.id);
   await begin(experiment, to);
 }
 
@@ -264,6 +288,7 @@ export async function create(scenario, to = {}) {
  * @param {{until?: number}} [to]
  */
 export async function begin(experiment, to = {}) {
+  const left = store.get().experiment?.id;
   const [paced] = await Promise.all([
     send(commands.clock(experiment.id, { speed: fitting(experiment.clock.duration) })),
     system(experiment.system),
@@ -277,6 +302,7 @@ export async function begin(experiment, to = {}) {
     }
   }
   await open(to.until ? experiment.id : paced);
+  void forsake(left);
 }
 
 export const SPEEDS = [0.5, 1, 2, 5, 10, 20, 50, 100];

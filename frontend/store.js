@@ -98,6 +98,7 @@ const initial = {
   theme: 'dark',
   notice: null,
   welcome: false,
+  full: null,
   prefill: null,
   busy: null,
 };

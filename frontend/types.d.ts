@@ -51,7 +51,7 @@ export interface SubsystemState { enabled: boolean; used: boolean; health: Healt
 export interface Experiment {
   id: string; title: string; system: string; seed: number; scenario: { id: string; title: string; hint: string };
   clock: Clock; faults: Fault[]; subsystems: Record<string, SubsystemState>; settings: Record<string, unknown>;
-  parent: string | null; ghost_of: string | null;
+  parent: string | null; ghost_of: string | null; watchers: number;
 }
 export interface Event { index: number; time: number; run: number; kind: string; subject: string; detail: Record<string, any> }
 export interface BlockView { health: Health; text: string }
@@ -89,6 +89,8 @@ export interface State {
   connection: "idle" | "connecting" | "open" | "lost" | "gone";
   theme: "dark" | "light";
   notice: Notice | null;
+  /** Why there is no room for an experiment of this page, and how to ask again. */
+  full: { text: string; again: () => Promise<unknown> } | null;
   welcome: boolean;
   prefill: { channel: string } | null;
   busy: string | null;

@@ -8,9 +8,10 @@ All work on a simulation is done in threads; the event loop only hands out turns
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import Executor
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -23,6 +24,8 @@ from server.problems import Refused
 T = TypeVar("T")
 SLICE = 0.012
 """Longest turn of a clock [s]; the epoch that is under way is finished."""
+EXPECTED = 10.0
+"""How long a new experiment counts as watched by its maker, who is about to open a stream [s]."""
 _log = logging.getLogger("ftlab")
 
 
@@ -74,6 +77,8 @@ class Experiment:
         self.cursor: float | None = None
         self.picture = next((item.picture for item in self.description.scene), "")
         self.subscribers: set[Subscriber] = set()
+        self._streams = 0
+        self._expected_until = time.monotonic() + EXPECTED
         self.rewinds: list[float] = []
         self.reason: str | None = None
         self._simulation = simulation
@@ -242,6 +247,15 @@ class Experiment:
             subscriber.rewound(now)
         self._publish(at_once=True)
 
+    @contextlib.contextmanager
+    def watched(self) -> Iterator[None]:
+        """Count someone who watches, for as long as it lasts."""
+        self._streams, self._expected_until = self._streams + 1, 0.0
+        try:
+            yield
+        finally:
+            self._streams -= 1
+
     # ---- what there is to see -------------------------------------------------------------------------------------
 
     async def state(self) -> ExperimentState:
@@ -274,6 +288,7 @@ class Experiment:
             settings=simulation.settings,
             parent=self.parent,
             ghost_of=self.ghost_of,
+            watchers=self._streams or int(time.monotonic() < self._expected_until),
         )
 
     async def view(self) -> View:

@@ -141,6 +141,7 @@ class ExperimentState(Answer):
     settings: dict[str, Any]
     parent: str | None = Field(description="the experiment this one was forked from")
     ghost_of: str | None = Field(description="the experiment this one is the fault-free twin of")
+    watchers: int = Field(description="open streams; for its first ten seconds or its first stream, its maker too")
 
 
 class LogLimits(Answer):

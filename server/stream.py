@@ -124,7 +124,8 @@ class Viewer:
         """Serve the socket until either side has enough."""
         self.experiment.subscribers.add(self)
         try:
-            errors = await until_one_ends(self._listen(), self._tell())
+            with self.experiment.watched():
+                errors = await until_one_ends(self._listen(), self._tell())
         finally:
             self.experiment.subscribers.discard(self)
         for error in errors:

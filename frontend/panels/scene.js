@@ -81,8 +81,14 @@ export class Scene extends Panel {
       this.frame.hidden = true;
       return;
     }
+    const own = `/experiments/${encodeURIComponent(experiment.id)}/scene/`;
+    // The frame of another experiment would go on asking for it, even after it is deleted.
+    if (!this.frame.getAttribute('src')?.startsWith(own)) {
+      this.frame.removeAttribute('src');
+      this.frame.hidden = true;
+    }
     if (connection !== 'open') return;
-    const address = `/experiments/${encodeURIComponent(experiment.id)}/scene/${theme === 'dark' ? '?darkMode' : ''}`;
+    const address = `${own}${theme === 'dark' ? '?darkMode' : ''}`;
     this.status.textContent = 'Loading the scene …';
     clearTimeout(this.#timer);
     // Charts and controls come first: the scene is the heaviest part of the page.

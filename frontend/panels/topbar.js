@@ -25,8 +25,10 @@ export class TopBar extends Panel {
 
   #scenarios() {
     const select = h('select', { class: 'scenario', 'aria-label': 'Scenario', onchange: () => {
-      if (select.value !== OWN_LOG) return void fly(select.value);
-      select.value = store.get().experiment?.scenario.id ?? '';
+      const chosen = select.value;
+      const back = () => { select.value = store.get().experiment?.scenario.id ?? ''; };
+      if (chosen !== OWN_LOG) return void fly(chosen).then(back);
+      back();
       openDialog('ft-receiver');
     } });
     this.watch((s) => [s.scenarios, s.experiment?.scenario.id, s.experiment?.scenario.title], () => {

@@ -212,6 +212,8 @@ def test_a_system_never_seen_before_needs_no_change(lab: Lab) -> None:
 
 def test_a_full_server_is_explained_and_room_can_be_made(lab: Lab) -> None:
     lab.refusals_expected = True
+    lab.fly_until(10.0)
+    flown = lab.experiment()["scenario"]["id"]
     full = {"status": 429, "title": "Too Many Requests", "detail": "there are 32 experiments already", "errors": []}
     lab.page.route(
         "**/api/v1/experiments",
@@ -220,6 +222,7 @@ def test_a_full_server_is_explained_and_room_can_be_made(lab: Lab) -> None:
     other = lab.page.locator("ft-topbar .scenario option[title]").last.get_attribute("value")
     lab.page.get_by_label("Scenario").select_option(other)
     expect(lab.page.locator(".toast.error")).to_contain_text("32 experiments already")
+    expect(lab.page.get_by_label("Scenario")).to_have_value(flown)
     lab.page.get_by_role("button", name="Choose experiments to delete").click()
     expect(lab.page.get_by_role("dialog", name="Experiments").locator("tbody tr")).not_to_have_count(0)
 

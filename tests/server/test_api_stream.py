@@ -47,8 +47,10 @@ def times(messages: list[Message]) -> list[float]:
 def test_hello_says_what_there_is(flight: Flight) -> None:
     with flight.client.websocket_connect(flight.stream) as socket:
         hello = socket.receive_json()
+        watched = flight.get()
     assert (hello["type"], hello["history"]) == ("hello", 0)
-    assert hello["experiment"] == flight.get()
+    assert hello["experiment"] == watched
+    assert watched["watchers"] == 1
     assert {"name", "label", "unit", "group", "factor"} <= set(hello["signals"][0])
 
 

@@ -168,7 +168,7 @@ export function haunted(traces) {
 
 /** Areas of one colour are told apart as lines are: by what would be a dash. @param {import('./traces.js').Style} look */
 function hatch(look) {
-  return look.dash === 'solid' ? {} : { shape: '/', fgcolor: color('panel'), size: 7, solidity: 0.2, fillmode: 'overlay' };
+  return look.dash === 'solid' ? {} : { shape: '/', fgcolor: color('panel'), size: 7, solidity: 0.4, fillmode: 'overlay' };
 }
 
 /** Words of levels, inside the chart: beside it there is room for numbers only. @param {readonly string[]} levels @param {number} from */

@@ -42,15 +42,27 @@ export function tint(hex, opacity) {
   return `rgba(${value >> 16},${(value >> 8) & 255},${value & 255},${opacity})`;
 }
 
+/** Roles with a style of their own; all others share one row of colours. @type {string[]} */
+const APART = ['protected', 'local', 'unprotected', 'threshold'];
+
+/** Traces that are told apart by their place alone. @param {Chart} chart @param {Trace} trace */
+const peers = (chart, trace) => chart.traces.filter((t) => (APART.includes(trace.role) ? t.role === trace.role : !APART.includes(t.role)));
+
 /** @param {Chart} chart @param {Trace} trace @param {number} [place] among its peers, where it is not the declared one @returns {Style} */
-export function style(chart, trace, place = chart.traces.filter((t) => t.role === trace.role).indexOf(trace)) {
-  const shade = SERIES[place % SERIES.length];
-  const dash = DASHES[Math.floor(place / SERIES.length) % DASHES.length];
+export function style(chart, trace, place = peers(chart, trace).indexOf(trace)) {
+  const protectedOnes = chart.traces.filter((t) => t.role === 'protected').length;
+  const locals = chart.traces.filter((t) => t.role === 'local').length;
+  // The protected and the local ones have the first colours; what stands beside them begins after those, and is dashed.
+  const after = APART.includes(trace.role) ? 0 : protectedOnes + locals;
+  const shade = SERIES[(place + after) % SERIES.length];
+  const dash = DASHES[(Math.floor((place + after) / SERIES.length) + (after ? 1 + (place % 2) : 0)) % DASHES.length];
   switch (trace.role) {
     case 'protected':
-      return { color: color(place ? shade : 'series-1'), width: 1.6, dash, opacity: 1 };
-    case 'local':
-      return { color: color(SERIES[1 + (place % 3)]), width: 1.1, dash: DASHES[1 + (place % 3)], opacity: 1 };
+      return { color: color(shade), width: 1.6, dash: DASHES[place % DASHES.length], opacity: 1 };
+    case 'local': {
+      const own = (protectedOnes || 1) + place;
+      return { color: color(SERIES[own % SERIES.length]), width: 1.1, dash: DASHES[1 + (place % 3)], opacity: 1 };
+    }
     case 'unprotected':
       return { color: color('dim'), width: 1.2, dash: '2px,2px', opacity: 1 };
     case 'threshold':

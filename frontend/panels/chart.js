@@ -5,6 +5,7 @@ import { number, readout, unitText } from '../format.js';
 import { forget, repaint } from '../scheduler.js';
 import { recording } from '../session.js';
 import { store } from '../store.js';
+import { color } from '../traces.js';
 /** @import {Chart, SystemDescription, Trace} from '../types' */
 
 /** With more lines than this the legend has rows of its own. */
@@ -99,8 +100,7 @@ export class ChartPanel extends Panel {
         class: 'line', 'aria-pressed': String(!this.drawing.hidden.has(trace.signal)), title: this.#explain(trace),
         onclick: (/** @type {MouseEvent} */ event) => this.#toggle(trace, /** @type {HTMLElement} */ (event.currentTarget)),
       },
-        svg('svg', { width: 18, height: 8, 'aria-hidden': 'true' },
-          svg('line', { x1: 0, x2: 18, y1: 4, y2: 4, stroke: look.color, 'stroke-width': look.width + 0.5, 'stroke-dasharray': look.dash === 'solid' ? null : look.dash.replaceAll('px', '') })),
+        this.chart.stacked ? area(look) : stroke(look),
         h('span', { class: 'name' }, trace.label, trace.sigma && trace.role !== 'local' && h('small', {}, ' ±3σ')), value);
       this.#values.push({ node: value, trace });
       return line;
@@ -133,6 +133,20 @@ export class ChartPanel extends Panel {
   #table() {
     /** @type {import('./table.js').TablePanel | null} */ (document.querySelector('ft-table'))?.open(this.chart, this.frame().range);
   }
+}
+
+/** @param {import('../traces.js').Style} look */
+function stroke(look) {
+  return svg('svg', { width: 18, height: 8, 'aria-hidden': 'true' },
+    svg('line', { x1: 0, x2: 18, y1: 4, y2: 4, stroke: look.color, 'stroke-width': look.width + 0.5, 'stroke-dasharray': look.dash === 'solid' ? null : look.dash.replaceAll('px', '') }));
+}
+
+/** As the area is drawn: a fill, and a hatch where the colour comes a second time. @param {import('../traces.js').Style} look */
+function area(look) {
+  const hatched = look.dash !== 'solid';
+  return svg('svg', { width: 18, height: 10, class: `area ${hatched ? 'hatched' : ''}`, 'aria-hidden': 'true' },
+    svg('rect', { width: 18, height: 10, fill: look.color, opacity: 0.6 }),
+    hatched && svg('path', { d: 'M-2 10L8 0M5 10L15 0M12 10L22 0', stroke: color('panel'), 'stroke-width': 2.2 }));
 }
 
 customElements.define('ft-chart', ChartPanel);

@@ -2,10 +2,11 @@
 import { Panel, h, keyed, setText } from '../dom.js';
 import { commands } from '../api.js';
 import { clock, decimalsOf } from '../format.js';
-import { faultText } from '../marks.js';
+import { derive, faultText } from '../marks.js';
 import { period, store } from '../store.js';
 import { clear, clearAll, id } from '../actions.js';
 import { curlButton } from './curl.js';
+import { moment, nowTag } from './now.js';
 /** @import {Event, Fault} from '../types' */
 
 export class Faults extends Panel {
@@ -13,7 +14,15 @@ export class Faults extends Panel {
     const list = h('ul', { class: 'faults' });
     const none = h('p', { class: 'dim none' }, 'None. Every sensor is sound.');
     const all = h('div', { class: 'buttons' }, h('button', { class: 'wide', title: 'Clear all faults (c)', onclick: clearAll }, 'Clear all'), curlButton(() => commands.clearAll(id()), 'clear all'));
-    this.append(h('h2', {}, 'Live faults'), list, none, all);
+    const then = h('p', { class: 'dim then', hidden: true });
+    this.append(h('h2', {}, 'Live faults', nowTag(this)), list, none, all, then);
+    this.watch((s) => [s.cursor, s.cursor === null ? null : s.events, s.description], () => {
+      const { cursor, events, description } = store.get();
+      then.hidden = cursor === null;
+      if (cursor === null) return;
+      const live = derive(events, description).spans.filter((s) => s.row === 'injected' && s.start <= cursor + 1e-9 && (s.end === null || cursor < s.end));
+      setText(then, `At ${moment(cursor)}: ${live.map((s) => s.label).join('; ') || 'no fault was live'}.`);
+    });
     this.watch((s) => [s.experiment?.faults, s.events, s.description], () => {
       const faults = (store.get().experiment?.faults ?? []).filter((f) => f.state !== 'ended');
       keyed(list, faults, (f) => f.id, card, tell);

@@ -2,12 +2,13 @@
 import { Panel, h, keyed, setText } from '../dom.js';
 import { quantity } from '../format.js';
 import { store } from '../store.js';
+import { nowTag } from './now.js';
 /** @import {HeadlineItem} from '../types' */
 
 export class ScoreStrip extends Panel {
   build() {
     const list = h('dl', { 'aria-label': 'Score' });
-    this.append(list);
+    this.append(list, nowTag(this, 'whole run, to'));
     this.watch((s) => s.score, (score) => keyed(list, score?.headline ?? [], (item) => `${(score?.headline ?? []).indexOf(item)}`, card, tell));
     this.watch((s) => s.experiment?.id, () => this.classList.toggle('waiting', !store.get().score));
   }

@@ -5,13 +5,14 @@ import { HEALTH, healthSign } from '../health.js';
 import { store } from '../store.js';
 import { id, switchSubsystem } from '../actions.js';
 import { curlButton } from './curl.js';
-/** @import {Subsystem} from '../types' */
+import { nowTag } from './now.js';
+/** @import {Event, Subsystem} from '../types' */
 
 export class Subsystems extends Panel {
   build() {
     const list = h('ul', { class: 'subsystems' });
-    this.append(h('h2', {}, 'Subsystems'), list);
-    this.watch((s) => [s.description, s.experiment?.subsystems], () => {
+    this.append(h('h2', {}, 'Subsystems', nowTag(this)), list);
+    this.watch((s) => [s.description, s.experiment?.subsystems, s.cursor, s.cursor === null ? null : s.events], () => {
       keyed(list, store.get().description?.subsystems ?? [], (s) => s.name, row, tell);
     });
   }
@@ -36,8 +37,23 @@ function tell(element, subsystem) {
   const returning = state.enabled && state.health === 'off';
   const health = !state.enabled ? 'off' : returning ? 'ok' : state.health;
   const used = !state.enabled ? '' : returning ? ', from the next epoch' : state.used ? ', used' : ', not used';
-  const text = `${returning ? 'on' : HEALTH[health].word}${used}`;
+  const { cursor, events } = store.get();
+  const then = cursor === null ? '' : `; then ${past(subsystem.name, cursor, events)}`;
+  const text = `${returning ? 'on' : HEALTH[health].word}${used}${then}`;
   if (how.textContent !== text) fill(how, healthSign(health), text);
+}
+
+/** What the navigator had done with a subsystem by a moment. @param {string} name @param {number} time @param {Event[]} events */
+function past(name, time, events) {
+  let state = 'not isolated';
+  for (const { kind, subject, run, time: at, detail } of events) {
+    if (at > time + 1e-9) break;
+    if (subject !== name || run > 0) continue;
+    if (kind === 'subsystem.isolated') state = HEALTH.isolated.word;
+    else if (kind === 'subsystem.readmitted') state = 'not isolated';
+    else if (kind === 'subsystem.switched') state = detail.enabled ? 'not isolated' : HEALTH.off.word;
+  }
+  return state;
 }
 
 customElements.define('ft-subsystems', Subsystems);

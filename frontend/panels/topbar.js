@@ -80,10 +80,10 @@ export class TopBar extends Panel {
       if (![...speed.options].some((o) => o.value === String(value))) speed.prepend(h('option', { value }, `${value}x`));
       speed.value = String(value);
     });
-    this.watch((s) => [s.now, period(s), s.experiment?.clock.duration], () => {
-      const { now, experiment } = store.get();
+    this.watch((s) => [s.now, period(s), s.experiment?.clock.duration, s.cursor === null], () => {
+      const { now, experiment, cursor } = store.get();
       setText(time, clock(now, Math.max(1, decimalsOf(period()))));
-      setText(of, experiment ? `of ${clock(experiment.clock.duration)}` : '');
+      setText(of, !experiment ? '' : cursor === null ? `of ${clock(experiment.clock.duration)}` : 'is now');
     });
     return h('div', { class: 'clock', role: 'group', 'aria-label': 'Clock' },
       h('button', { 'aria-label': 'Back one epoch', title: 'Rewind by one epoch ( [ )', onclick: back }, '|‹'), play,

@@ -11,7 +11,7 @@ import { look, say, toggleGhost, zoomTo } from '../actions.js';
 import { ChartPanel } from './chart.js';
 import { MomentPanel } from './moment.js';
 import { chooser } from './chooser.js';
-import { drawGlyphs, drawMarks, drawn } from './overlay.js';
+import { drawGlyphs, drawMarks, drawn, rails } from './overlay.js';
 
 /** Parts of the column that do not lie on the time axis. */
 const APART = 'header, .moment';
@@ -25,7 +25,7 @@ export class ChartsPanel extends Panel {
   /** Those of one moment. @type {MomentPanel[]} */
   #moments = [];
   /** @type {import('../types').Span[]} */
-  #bands = [];
+  #spans = [];
   /** @type {number | null} */
   #dragFrom = null;
 
@@ -46,6 +46,7 @@ export class ChartsPanel extends Panel {
     this.append(this.#toolbar(), this.scroller, this.ruler);
     this.#listen();
     this.watch((s) => [s.description, s.shown], () => this.#place());
+    this.watch((s) => s.experiment?.id, () => { if (this.scroller) this.scroller.scrollTop = 0; });
     this.watch((s) => [s.zoom, s.follow, s.experiment?.clock.duration], () => this.#rescale(true));
     this.watch((s) => s.now, () => (store.get().follow && !store.get().zoom ? this.#rescale(false) : this.#moveNow()));
     this.watch((s) => [s.events, s.description, s.zoom, s.now > 0], () => this.#drawMarks());
@@ -149,17 +150,18 @@ export class ChartsPanel extends Panel {
     if (!this.marks || !this.glyphs) return;
     const { events, description, now } = store.get();
     const [from, to] = this.range();
-    const { bands, marks } = drawn(derive(events, description).spans, now, (to - from) / 400);
+    this.#spans = derive(events, description).spans;
+    const { bands, marks } = drawn(this.#spans, now, (to - from) / 400);
     // Washes of faults that are live together would add up and drown the lines.
-    drawMarks(this.marks, joined(bands.filter((b) => b.row === 'injected'), 0), marks);
-    this.#bands = bands.filter((b) => b.row !== 'injected');
+    drawMarks(this.marks, joined(bands, 0), marks);
     this.#drawRails();
     drawGlyphs(this.glyphs, marks, look);
   }
 
-  /** When something was alarmed or isolated: a rail along the top of every chart. */
+  /** When something was alarmed or isolated: a rail along the top of every chart that it concerns. */
   #drawRails() {
-    for (const chart of this.#lines) drawMarks(chart.rail, this.#bands, []);
+    const [from, to] = this.range();
+    for (const one of this.#lines) drawMarks(one.rail, rails(this.#spans, one.chart, one.description, (to - from) / 400), []);
   }
 
   #drawHover() {

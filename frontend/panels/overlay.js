@@ -2,9 +2,10 @@
 import { h, keyed } from '../dom.js';
 import { clock } from '../format.js';
 import { joined } from '../marks.js';
-/** @import {Span} from '../types' */
+/** @import {Chart, Span, SystemDescription} from '../types' */
 
 const MOST_ALARMS = 16;
+const MOST_ISOLATED = 24;
 
 /**
  * @typedef {object} Mark
@@ -19,7 +20,7 @@ const MOST_ALARMS = 16;
  * @param {Span[]} spans
  * @param {number} now
  * @param {number} gap seconds that two lines must be apart to be told apart
- * @returns {{bands: Span[], marks: Mark[]}}
+ * @returns {{bands: Span[], marks: Mark[]}} faults that have begun, and lines
  */
 export function drawn(spans, now, gap) {
   /** @param {Span['row']} row */
@@ -27,6 +28,8 @@ export function drawn(spans, now, gap) {
   const injected = of('injected');
   const alarmed = joined(of('alarmed'), gap * 3);
   const isolated = joined(of('isolated'), gap);
+  // Each subject has lines of its own, whoever is out already; too many, and only the first and the last of them count.
+  const each = [...Map.groupBy(of('isolated'), (s) => s.key).values()].flatMap((own) => joined(own, gap * 3));
   /** @type {Mark[]} */
   const marks = [];
   /** @param {Span} span @param {Mark['kind']} kind @param {number | null} time @param {string} what */
@@ -40,11 +43,42 @@ export function drawn(spans, now, gap) {
   }
   // So many lines would hide what they are drawn over; the rail above every chart still has them all.
   if (alarmed.length <= MOST_ALARMS) for (const span of alarmed) add(span, 'alarmed', span.start, 'alarm');
-  for (const span of isolated) {
+  for (const span of each.length <= MOST_ISOLATED ? each : isolated) {
     add(span, 'isolated', span.start, 'isolated');
     add(span, 'readmitted', span.end, 're-admitted');
   }
-  return { bands: [...injected.filter((s) => s.start <= now), ...alarmed, ...isolated], marks };
+  return { bands: injected.filter((s) => s.start <= now), marks };
+}
+
+/**
+ * Rails of one chart: when something was alarmed or isolated. A chart of tests shows those of its own subjects, and of
+ * its own tests.
+ * @param {Span[]} spans
+ * @param {Chart} chart
+ * @param {SystemDescription} description
+ * @param {number} gap seconds
+ * @returns {Span[]}
+ */
+export function rails(spans, chart, description, gap) {
+  const own = tested(chart, description);
+  /** @param {string} subject */
+  const concerns = (subject) => !own.length || own.some((t) => t.subject === subject || subject.startsWith(`${t.subject}.`) || t.subject.startsWith(`${subject}.`));
+  /** @param {Span} span */
+  const shown = (span) => {
+    if (span.row === 'isolated') return concerns(span.key);
+    const [test, subject] = span.key.split('/');
+    return concerns(subject) && (!own.length || own.some((t) => t.test === test));
+  };
+  /** @param {Span['row']} row @param {number} apart */
+  const of = (row, apart) => joined(spans.filter((s) => s.row === row && shown(s)), apart);
+  return [...of('alarmed', gap * 3), ...of('isolated', gap)];
+}
+
+/** Tests and subjects whose statistics a chart shows; none if it is about something else. @param {Chart} chart @param {SystemDescription} description */
+function tested({ traces }, { tests }) {
+  return tests.flatMap((test) => test.subjects
+    .filter((subject) => traces.some((t) => t.signal.startsWith(`test.${test.name}.${subject}.`)))
+    .map((subject) => ({ test: test.name, subject })));
 }
 
 /** Lanes of the strips along the top of the layer. */

@@ -158,18 +158,24 @@ export function sentence(event, description) {
 export function reason(event, description) {
   const { kind, detail } = event;
   if (kind.startsWith('fault.') || kind === 'settings.changed' || kind === 'subsystem.switched') return '';
-  if (Array.isArray(detail.alarms)) return detail.alarms.map((alarm) => comparison(alarm, description, true)).join('; ');
-  if ('statistic' in detail) return comparison(detail, description, false);
+  if (Array.isArray(detail.alarms)) {
+    const all = detail.alarms.map((alarm) => comparison(alarm, description, true, true)).join('; ');
+    // What alarmed until then is not what admitted it.
+    return kind === 'subsystem.readmitted' && all ? `tests until then: ${all}` : all;
+  }
+  if ('statistic' in detail) return comparison(detail, description, false, kind === 'test.alarmed');
   return Object.entries(detail)
     .filter(([, value]) => typeof value !== 'object')
     .map(([key, value]) => `${words(key)} ${typeof value === 'number' ? number(value) : value}`)
     .join(', ');
 }
 
-/** @param {Record<string, any>} alarm @param {SystemDescription | null} description @param {boolean} named */
-function comparison(alarm, description, named) {
+/** Less than this is nothing, in a number without a unit. */
+const NOTHING = 1e-4;
+
+/** @param {Record<string, any>} alarm @param {SystemDescription | null} description @param {boolean} named @param {boolean} alarmed */
+function comparison(alarm, description, named, alarmed) {
   if (alarm.statistic === null || alarm.threshold === null) return named ? `${testLabel(String(alarm.test), description)} without a reading` : 'no reading';
-  const sign = alarm.statistic > alarm.threshold ? '>' : '<';
   const test = description?.tests.find((t) => t.name === alarm.test);
   // What is told in a unit is no chi-square statistic, and has no degrees of freedom.
   const unit = test && test.unit !== '1' ? test.unit : '';
@@ -177,5 +183,25 @@ function comparison(alarm, description, named) {
   const factor = signal ? signal.factor : 1;
   const dof = alarm.dof && !unit ? ` (${number(alarm.dof)} dof)` : '';
   const name = named ? `${testLabel(String(alarm.test), description)} ` : '';
-  return `${name}${quantity(alarm.statistic / factor, unit)} ${sign} ${quantity(alarm.threshold / factor, unit)}${dof}`;
+  /** @param {number} value */
+  const told = (value) => quantity(!unit && Math.abs(value) < NOTHING ? 0 : value / factor, unit);
+  const [value, limit] = [told(alarm.statistic), told(alarm.threshold)];
+  const small = test?.alarm_when === 'below';
+  const asked = small && !alarmed && alarm.statistic <= alarm.threshold ? ', no longer asked' : '';
+  return `${name}${value} ${relation(alarm, value === limit, alarmed, small)} ${limit}${dof}${asked}`;
+}
+
+/**
+ * How a statistic stands to its threshold. That it is small is what alarms in some tests: then it is said in words.
+ * @param {Record<string, any>} alarm
+ * @param {boolean} alike whether both read the same
+ * @param {boolean} alarmed
+ * @param {boolean} small whether the test alarms when it is small
+ */
+function relation({ statistic, threshold }, alike, alarmed, small) {
+  const below = statistic <= threshold;
+  if (alike) return below ? 'just below' : 'just above';
+  if (below && alarmed) return 'below';
+  if (small) return below ? 'below' : 'above';
+  return below ? '<' : '>';
 }

@@ -46,6 +46,17 @@ def _test_chart(test: str, subject: str, shown: bool = False) -> Chart:
     )
 
 
+def _both_chart(test: str) -> Chart:
+    """One test of both aids: a fault of either is seen in the first charts."""
+    traces = [
+        Trace(signal=f"test.{test}.{subject}.{part}", label=label + words, role=role)  # type: ignore[arg-type]
+        for part, words, role in (("statistic", "", "statistic"), ("threshold", " threshold", "threshold"))
+        for subject, label in AIDS.items()
+    ]
+    title = f"{TEST_LABELS[test][0].upper()}{TEST_LABELS[test][1:]}, both aids"
+    return Chart(id=f"{test}-aids", title=title, unit="1", group="tests", scale="log", traces=tuple(traces), shown=True)
+
+
 def charts() -> list[Chart]:
     """All of them; those marked as shown are open at first."""
     names = {"east": "East", "north": "North"}
@@ -70,9 +81,8 @@ def charts() -> list[Chart]:
             ),
         )
     )
-    for test in AID_TESTS:
-        for subject in AIDS:
-            found.append(_test_chart(test, subject, shown=(test, subject) in {("residual", "gps"), ("state", "gps")}))
+    found += [_both_chart(test) for test in ("residual", "state")]
+    found += [_test_chart(test, subject) for test in AID_TESTS for subject in AIDS]
     found.append(_test_chart("integrity", "gps"))
     for test in IMU_TESTS:
         for cluster in CLUSTERS:

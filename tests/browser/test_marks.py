@@ -11,8 +11,8 @@ from .lab import Lab
 DESCRIPTION = {
     "subsystems": [], "channels": [], "scene": [], "signals": [],
     "tests": [
-        {"name": "residual", "label": "residual test", "subjects": ["gps", "doppler"], "unit": "1", "alarm_when": "above"},
-        {"name": "angle", "label": "angle", "subjects": ["imu.gyro.1"], "unit": "1", "alarm_when": "below"},
+        {"name": "residual", "label": "residuals", "subjects": ["gps", "doppler"], "alarm_when": "above", "unit": "1"},
+        {"name": "angle", "label": "angle", "subjects": ["imu.gyro.1"], "alarm_when": "below", "unit": "1"},
     ],
 }  # fmt: skip
 
@@ -61,7 +61,7 @@ def test_numbers_of_the_log_say_which_way_a_test_alarms(lab: Lab) -> None:
     assert reason("test.cleared", test="angle", statistic=14.1, threshold=15.0) == "14.1 below 15, no longer asked"
     assert reason("test.alarmed", test="residual", statistic=7.49e-35, threshold=0.0) == "0 just above 0"
     alarms = [{"test": "residual", "statistic": 3086.0, "threshold": 39.3}]
-    assert reason("subsystem.readmitted", alarms=alarms) == "tests until then: residual test 3086 > 39.3"
+    assert reason("subsystem.readmitted", alarms=alarms) == "tests until then: residuals 3086 > 39.3"
 
 
 def test_what_does_not_follow_the_cursor_says_that_it_shows_now(lab: Lab) -> None:

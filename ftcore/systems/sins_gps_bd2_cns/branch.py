@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.detection import chi_square, lone, propagators, recovery
+from ftcore.detection import chi_square, propagators, recovery
 from ftcore.detection.chi_square import Propagators
-from ftcore.detection.lone import Lone
 from ftcore.detection.propagators import SubsystemTests
 from ftcore.detection.recovery import Standoff
 from ftcore.estimation import imm, tolerant_fusion
@@ -24,8 +23,6 @@ from ftcore.systems.sins_gps_bd2_cns.names import AIDS
 
 Array = NDArray[np.float64]
 LAYOUT = Layout(tuple(AIDS), (3, 3, 3))
-STARS = slice(6, 9)
-"""Rows of the star tracker."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class Branch:
 
     Attributes:
         mixture, pair: the models, and the two propagators.
-        watch, sighted: what is remembered of GPS and BD2 against each other, and of the star tracker by itself.
+        watch: what is remembered of GPS and BD2 against each other.
         age: seconds since each propagator was reset ``(runs, 2)``.
         known: logarithms of the model probabilities of the last epoch ``(runs, models)``, before their transition.
         drifting: those that each propagator has by itself ``(runs, 2, models)``: the filter's at its reset, since then
@@ -44,7 +41,6 @@ class Branch:
     mixture: Mixture
     pair: Propagators
     watch: Standoff
-    sighted: Lone
     age: Array
     known: Array
     drifting: Array
@@ -88,7 +84,6 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
         imm.start(x, P, mu),
         chi_square.start_propagators(x, P),
         recovery.start_standoff(runs, LAYOUT),
-        lone.start(runs, 3),
         np.zeros((runs, 2)),
         np.broadcast_to(np.log(mu), (runs, len(mu))),
         np.broadcast_to(np.log(mu), (runs, 2, len(mu))),
@@ -121,9 +116,6 @@ def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool, reco
         state = propagators.state_tests(branch.pair, updates, *bounds)
     driving = state if by_state and state is not None else innovation
     watch, believed = recovery.stand_off(branch.watch, m.y, m.R, driving.beta, LAYOUT, m.valid)
-    seen = np.asarray(m.valid[:, STARS].all(axis=-1))
-    sighted, heard = lone.step(branch.sighted, m.y[:, STARS], m.R[STARS], driving.beta[:, -1], seen)
-    believed = np.concatenate([believed[:, :-1], heard[:, None]], axis=-1)
     beta = driving.present.astype(float)
     if settings.driving_test == "none" or not recovers:
         believed = np.zeros_like(believed)
@@ -132,7 +124,7 @@ def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool, reco
     if believed.any():
         prior = recovery.widen(branch.mixture, m.y, m.H, LAYOUT, believed)
         updates = tolerant_fusion.subset_updates(prior, m.y, m.H, m.R, LAYOUT, m.valid)
-    return replace(branch, watch=watch, sighted=sighted), Examined(innovation, state, driving, believed, beta, updates)
+    return replace(branch, watch=watch), Examined(innovation, state, driving, believed, beta, updates)
 
 
 def fuse(branch: Branch, examined: Examined, beta: Array, settings: Settings) -> tuple[Branch, Fusion]:
@@ -174,12 +166,7 @@ def alternate(branch: Branch, x: Array, P: Array) -> Branch:
 
 def feed_back(branch: Branch, dx: Array) -> Branch:
     """The strapdown was corrected by ``dx (runs, 15)``: all errors are about a new origin."""
-    return replace(
-        branch,
-        mixture=imm.shift(branch.mixture, dx),
-        pair=propagators.feed_back(branch.pair, dx),
-        sighted=lone.moved(branch.sighted),
-    )
+    return replace(branch, mixture=imm.shift(branch.mixture, dx), pair=propagators.feed_back(branch.pair, dx))
 
 
 def widen(branch: Branch, jump: Array) -> Branch:

@@ -177,9 +177,9 @@ class Settings(Supervised):
     recovery: Literal["fused", "both", "none"] = Field(
         default="fused",
         title="Recovery",
-        description="GPS and BD2 are believed again when both are rejected but agree with each other, CNS when it went "
-        "astray without a jump: then the reference is wrong. 002 has no way out of a wrong reference; fused: only the "
-        "filter with IMM has one, both: the one without IMM too",
+        description="GPS and BD2 are believed again when both are rejected but agree with each other: then the "
+        "reference is wrong. 002 has no way out of a wrong reference; fused: only the filter with IMM has one, both: "
+        "the one without IMM too",
     )
     propagator_models: Literal["filter", "own"] = Field(
         default="filter",

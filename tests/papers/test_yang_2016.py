@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ftcore import Fault, Scenario, Simulation
+from ftcore import Scenario, Simulation
 from tests.papers.flights import between
 
 Array = NDArray[np.float64]
@@ -183,54 +183,3 @@ def test_figure_16_sigma_grows_while_nobody_is_believed_and_all_is_well_soon_aft
     print(f"sigma {sigma}; weight of all three afterwards {settled:.3f}; east error afterwards {error:.2f} m")
     assert settled > 0.85
     assert error < 1.0
-
-
-# ---- no rejection feeds itself
-
-
-def schedule(seed: int) -> tuple[Scenario, float]:
-    """One to four faults of random kind and size on random aids between 60 and 200 s; when the last one ends."""
-    draw = np.random.default_rng(seed)
-    faults = []
-    for _ in range(draw.integers(1, 5)):
-        aid = AIDS[draw.integers(3)]
-        sigma, quantity = (3.0, "attitude") if aid == "cns" else (2.8, "position")
-        kind = ("bias", "sine", "ramp", "noise", "stuck", "dropout", "outliers", "random-walk")[draw.integers(8)]
-        size = sigma * draw.uniform(1.0, 30.0) * {"ramp": 0.03, "random-walk": 0.1}.get(kind, 1.0)
-        start = float(np.round(draw.uniform(60.0, 150.0)))
-        end = min(200.0, start + float(np.round(draw.uniform(10.0, 90.0))))
-        faults.append(
-            Fault(
-                channel=f"{aid}.{quantity}.all",
-                kind=kind,
-                magnitude=0.0 if kind in ("stuck", "dropout") else float(size),
-                start=start,
-                end=end,
-            )
-        )
-    ready = Scenario.load("yang-2016-scenario-1")
-    changes = {"faults": tuple(faults), "duration": 300.0, "seed": seed}
-    return ready.model_copy(update=changes), max(float(f.end or 0.0) for f in faults)
-
-
-def still_out(seed: int) -> list[str]:
-    """Aids that are not back a minute after the last fault: less than half of their weight in the half minute then."""
-    scenario, end = schedule(seed)
-    sim = Simulation(scenario).advance(until=end + 90.0)
-    return [aid for aid in AIDS if between(sim, f"validity.{aid}", end + 60.0, end + 90.0).mean() < 0.5]
-
-
-def assert_all_back(seeds: range) -> None:
-    out = {seed: aids for seed in seeds if (aids := still_out(seed))}
-    print(f"{len(out)} of {len(seeds)} schedules with somebody still out: {out}")
-    assert not out
-
-
-def test_after_random_faults_every_aid_is_back_within_a_minute():
-    assert_all_back(range(12))
-
-
-@pytest.mark.long
-@pytest.mark.timeout(1500)
-def test_after_a_hundred_random_schedules_every_aid_is_back_within_a_minute():
-    assert_all_back(range(100))

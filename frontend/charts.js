@@ -15,6 +15,9 @@ const LIVE_POINTS = 300;
 const STILL_POINTS = 6000;
 /** With more lines than this only those that have values are told of. */
 export const MANY = 6;
+/** A limit so many times as far from zero as the data leaves the chart, and comes back when it is nearer again. */
+const AWAY = 30;
+const BACK = 20;
 /** How far apart lines of the same level are drawn [levels]. */
 const BESIDE = 0.055;
 
@@ -42,6 +45,8 @@ export class Drawing {
   #yRange = null;
   /** Signals the person has switched off in the legend. @type {Set<string>} */
   hidden = new Set();
+  /** Limits too far from the data to be drawn with them; the legend tells their values. @type {Set<string>} */
+  beyond = new Set();
   /** Where many lines are declared and few have values: the order in which they came, which gives them their colours. @type {Map<string, number>} */
   #places = new Map();
 
@@ -82,6 +87,8 @@ export class Drawing {
     const data = [];
     /** @type {Float64Array[]} */
     const extents = [];
+    /** @type {Map<string, Float64Array>} */
+    const limits = new Map();
     /** @type {number[]} */
     const ends = [];
     for (const trace of traces) {
@@ -117,8 +124,10 @@ export class Drawing {
       if (this.chart.levels.length) for (let i = 0; i < y.length; i += 1) y[i] += BESIDE * (traces.indexOf(trace) - (traces.length - 1) / 2);
       const drawn = line(middles ?? pick(time, rows, 1), y, this.chart.levels.length ? { ...look, shape: 'hv' } : look);
       data.push(this.chart.stacked ? { ...drawn, stackgroup: 'all', fillcolor: tint(look.color, 0.6), fillpattern: hatch(look), line: { ...drawn.line, width: 0 } } : drawn);
-      extents.push(y);
+      if (trace.role === 'threshold') limits.set(trace.signal, y);
+      else extents.push(y);
     }
+    this.#near(extents, limits);
     const axis = this.#axis(extents, ends);
     this.#yRange = axis.range;
     if (this.chart.levels.length) data.push(named(this.chart.levels, frame.range[0]));
@@ -134,6 +143,19 @@ export class Drawing {
   /** @param {Float64Array} time @param {Float64Array} column @param {[number, number]} range @param {number} points */
   #rows(time, column, range, points) {
     return extremes(column, Math.max(0, searchAfter(time, range[0]) - 1), Math.min(time.length, searchAfter(time, range[1]) + 1), points);
+  }
+
+  /** Lets a limit widen a linear axis, unless it is so far away that the data would be a flat line. @param {Float64Array[]} extents @param {Map<string, Float64Array>} limits */
+  #near(extents, limits) {
+    const data = Math.max(0, ...extents.map(reach));
+    for (const [signal, column] of limits) {
+      const times = data > 0 && this.chart.scale === 'linear' ? reach(column) / data : 0;
+      if (times > (this.beyond.has(signal) ? BACK : AWAY)) this.beyond.add(signal);
+      else {
+        this.beyond.delete(signal);
+        extents.push(column);
+      }
+    }
   }
 
   /** @param {Float64Array[]} extents @param {number[]} ends */
@@ -185,6 +207,13 @@ function line(x, y, look) {
     type: 'scatter', mode: 'lines', x, y, opacity: look.opacity, connectgaps: false,
     line: { color: look.color, width: look.width, dash: look.dash, shape: look.shape ?? 'linear', simplify: false },
   };
+}
+
+/** How far from zero a column goes. @param {Float64Array} column */
+function reach(column) {
+  let most = 0;
+  for (const value of column) if (Math.abs(value) > most) most = Math.abs(value);
+  return most;
 }
 
 /** @param {Float64Array} column @param {Int32Array} rows @param {number} scale */

@@ -85,7 +85,9 @@ export class ChartPanel extends Panel {
     const { levels } = this.chart;
     for (const { node, trace } of this.#values) {
       const value = recording.at(trace.signal, time) / (this.drawing.factors.get(trace.signal) ?? 1);
-      setText(node, levels.length ? (levels[value] ?? '–') : this.chart.unit === '1' && Number.isInteger(value) ? number(value, 6) : readout(value));
+      const away = this.drawing.beyond.has(trace.signal) ? ' ↑' : '';
+      if (!!away !== node.title.length > 0) node.title = away && 'so far away that it is not drawn';
+      setText(node, levels.length ? (levels[value] ?? '–') : this.chart.unit === '1' && Number.isInteger(value) ? number(value, 6) : readout(value) + away);
     }
   }
 

@@ -91,3 +91,25 @@ def test_another_experiment_opens_with_its_first_chart(lab: Lab) -> None:
     lab.page.get_by_role("button", name="Branch from here").first.click()
     expect(lab.page.locator("ft-topbar .branches option:checked")).to_contain_text("Branch")
     assert scroller.evaluate("e => e.scrollTop") == 0
+
+
+FARTHER = """(level) => import('/static/session.js').then(({ recording, recorded }) => {
+  const column = recording.column(level);
+  for (let i = 0; i < column.length; i += 1) column[i] *= 100;
+  recorded.dispatchEvent(new CustomEvent('change'));
+})"""
+
+
+def test_a_limit_far_away_does_not_flatten_the_lines(lab: Lab) -> None:
+    lab.without_scene()
+    lab.page.get_by_label("Scenario").select_option("chey-2004")
+    expect(lab.page.locator("ft-moment")).to_have_count(3)
+    chart = lab.page.locator("ft-chart").filter(has=lab.page.locator("h3", has_text="Horizontal error"))
+    limit = chart.locator(".legend .line", has_text="alert limit").locator(".value")
+    top = "e => e.querySelector('.plot')._fullLayout.yaxis.range[1]"
+    lab.fly_until(20.0)
+    expect(limit).to_have_text("120")
+    assert chart.evaluate(top) > 120.0
+    lab.page.evaluate(FARTHER, "protection.alert")
+    expect(limit).to_have_text("12000 ↑")
+    assert chart.evaluate(top) < 120.0

@@ -13,6 +13,7 @@ from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXCLUDED, NO_FIX
 from ftcore.faults import KINDS
 from ftcore.systems.gps_receiver.names import ESTIMATORS, SLOTS
+from tests.bench.measure import reached
 
 DESCRIPTION = catalogue.system("gps-receiver")
 CHEY = Scenario.load("chey-2004")
@@ -388,5 +389,5 @@ def test_given_one_run_or_a_hundred_then_they_are_flown_in_the_time_allowed():
                 break
         return best
 
-    assert seconds(1, 0.2, 30) < 0.2
-    assert seconds(100, 2.0, 5) < 2.0
+    one, many = seconds(1, 0.2, 30), seconds(100, 2.0, 5)
+    reached(one < 0.2 and many < 2.0, f"100 s in {one:.3f} s, 100 runs of them in {many:.2f} s")

@@ -8,10 +8,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Awaitable, Callable
-from pathlib import Path
 
 import httpx
-import pytest
 import websockets
 from rest_lab import API
 
@@ -20,6 +18,7 @@ from server.app import SWITCH_INTERVAL
 from server.registry import ExperimentRegistry
 from server.settings import REPOSITORY, Settings
 from server.uploads import Uploads
+from tests.bench.measure import reached
 
 
 def percentile(values: list[float], share: float) -> float:
@@ -32,22 +31,7 @@ def at_best(measure: Callable[[], Awaitable[float]], limit: float) -> None:
         taken.append(asyncio.run(measure()))
         if taken[-1] <= limit:
             return
-    if busy_share() > 0.5:
-        pytest.skip(f"others keep this machine busy; measured {taken}")
-    raise AssertionError(f"wanted at most {limit} s, measured {taken}")
-
-
-def busy_share(seconds: float = 0.5) -> float:
-    """How much of this machine others are using; 0 where it cannot be told."""
-
-    def ticks() -> tuple[int, int]:
-        numbers = [int(text) for text in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]]
-        return sum(numbers) - numbers[3] - numbers[4], sum(numbers)
-
-    if not Path("/proc/stat").exists():
-        return 0.0
-    (busy, all_), _, (later, all_later) = ticks(), time.sleep(seconds), ticks()
-    return (later - busy) / max(1, all_later - all_)
+    reached(False, f"wanted at most {limit} s, measured {taken}")
 
 
 def test_from_inject_to_the_event_on_the_stream_at_ten_times_the_pace() -> None:

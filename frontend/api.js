@@ -129,7 +129,7 @@ export const commands = {
   /** @param {string} id @returns {[string, string]} */
   remove: (id) => ['DELETE', experiment(id)],
   /** @param {string | object} scenario @param {string} [title] @returns {[string, string, object]} */
-  create: (scenario, title) => ['POST', '/experiments', title ? { scenario, title } : { scenario }],
+  create: (scenario, title) => ['POST', '/experiments', { scenario, ...(title && { title }), ...(typeof scenario === 'string' && { spare: true }) }],
   /** @param {FormData} form @returns {[string, string, object]} */
   log: (form) => ['POST', '/logs', form],
 };

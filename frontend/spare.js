@@ -1,5 +1,5 @@
 /**
- * Experiments that nobody has touched. A page takes one over instead of making another, and leaves none behind: a server
+ * Experiments that a page made and nobody has touched. A page takes one over instead of making another, and leaves none behind: a server
  * keeps few, and every visit would use one up.
  * @import {Experiment} from './types'
  */
@@ -18,14 +18,14 @@ export function own(id) {
 }
 
 /**
- * Whether an experiment stands as it was made from a ready scenario, and nobody watches it but those counted.
+ * Whether an experiment that a page made stands as it was made from a ready scenario, and nobody watches it but those counted.
  * @param {Experiment} one
  * @param {Experiment[]} all
  * @param {number} [watchers]
  */
 async function untouched(one, all, watchers = 0) {
   const { clock, scenario } = one;
-  if (clock.time > 0 || clock.state !== 'paused' || one.watchers > watchers || one.parent || one.ghost_of || one.title !== scenario.title) return false;
+  if (!one.spare || clock.time > 0 || clock.state !== 'paused' || one.watchers > watchers || one.parent || one.ghost_of || one.title !== scenario.title) return false;
   if (all.some((other) => other.parent === one.id || other.ghost_of === one.id)) return false;
   const known = store.get().scenarios;
   const [document, ready] = await Promise.all([read.document(one.id), known.length ? known : read.scenarios()]);

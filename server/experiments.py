@@ -76,6 +76,7 @@ class Experiment:
         self.version = 0
         self.cursor: float | None = None
         self.picture = next((item.picture for item in self.description.scene), "")
+        self.spare = False
         self.subscribers: set[Subscriber] = set()
         self._streams = 0
         self._expected_until = time.monotonic() + EXPECTED
@@ -288,6 +289,7 @@ class Experiment:
             settings=simulation.settings,
             parent=self.parent,
             ghost_of=self.ghost_of,
+            spare=self.spare,
             watchers=self._streams or int(time.monotonic() < self._expected_until),
         )
 

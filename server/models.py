@@ -82,6 +82,10 @@ class NewExperiment(Request):
     )
     seed: Seed | None = Field(default=None, description="instead of the scenario's")
     title: str | None = Field(default=None, min_length=1, max_length=120, description="the scenario's if absent")
+    spare: bool = Field(
+        default=False,
+        description="whether a page may take it over, or delete it for want of room, while nobody has touched it",
+    )
 
 
 class ClockState(Answer):
@@ -141,6 +145,7 @@ class ExperimentState(Answer):
     settings: dict[str, Any]
     parent: str | None = Field(description="the experiment this one was forked from")
     ghost_of: str | None = Field(description="the experiment this one is the fault-free twin of")
+    spare: bool = Field(description="whether a page may take it over, or delete it, while nobody has touched it")
     watchers: int = Field(description="open streams; for its first ten seconds or its first stream, its maker too")
 
 

@@ -30,6 +30,7 @@ async def create_experiment(body: NewExperiment, registry: Registry, response: R
     except CommandError as error:
         place = at(["scenario", *error.field.split(".")], str(error))
         raise Refused(409, str(error), [place]) from None
+    experiment.spare = body.spare
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
     return await experiment.state()
 

@@ -100,6 +100,7 @@ def gps_goes(fault: Fault, seconds: float, mode: str) -> tuple[int, int]:
     return len(isolated(sim, "gps.C1", 100.0)), len(isolated(sim, "gps", 100.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("fault", "seconds"),
     [

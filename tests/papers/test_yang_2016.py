@@ -56,6 +56,7 @@ def test_table_4_with_the_imm_gps_is_falsely_accused_less_than_1_percent_and_ten
     assert plain >= 10.0 * imm
 
 
+@pytest.mark.long
 def test_the_conventional_filter_suffers_from_its_own_rejections_more_than_from_its_model():
     """With FTLab's recovery it is several times better, and still several times worse than the IMM."""
     sim = flown("yang-2016-scenario-1", runs=5, until=1500.0, calm=True, recovery="both")

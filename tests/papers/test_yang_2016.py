@@ -45,6 +45,7 @@ def first(alarm: Array) -> Array:
 # ---- scenario 1: 6 m on GPS 1200-1260 s, a sine of 6 m from 2400 s
 
 
+@pytest.mark.long
 def test_table_4_with_the_imm_gps_is_falsely_accused_less_than_1_percent_and_ten_times_more_without():
     """An hour without faults. The paper: 0.72 % and 40 %. q at its 99 % quantile: 1 % is what a perfect filter has."""
     sim = flown("yang-2016-scenario-1", calm=True)
@@ -102,6 +103,7 @@ def test_a_failure_of_gps_costs_the_fused_position_less_than_the_unprotected_one
     assert rms["fused"] < 0.6 * rms["unprotected"]
 
 
+@pytest.mark.long
 def test_figure_16_sigma_follows_the_manoeuvre():
     """Attitude and velocity: larger where scale factors are excited (20 to 30 min) than in quiet flight (15 to 20)."""
     sim = flown("yang-2016-scenario-1", calm=True)
@@ -127,6 +129,7 @@ def test_with_nothing_but_table_1_in_P0_some_flights_reject_both_satellite_syste
 # ---- scenario 2: several at once
 
 
+@pytest.mark.long
 def test_a_star_tracker_fault_of_one_sigma_cannot_be_seen():
     """3 arcsec as printed: alarms within 2 percentage points of those of the ten minutes before."""
     sim = flown("yang-2016-scenario-2", runs=5, until=2880.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, Literal
 
 from ftcore.description import Chart, Region, Trace
+from ftcore.systems.declarations import capital, chart_of_test
 from ftcore.systems.gps_receiver.names import ESTIMATORS, SATELLITES, TEST_LABELS
 
 _ROLES: Final[dict[str, Literal["protected", "local", "unprotected"]]] = {
@@ -156,20 +157,7 @@ def _stanford(estimator: str, shown: bool = False) -> Chart:
 
 
 def _test_chart(test: str, shown: bool = False) -> Chart:
-    stem = f"test.{test}.gps"
-    label = TEST_LABELS[test]
-    return Chart(
-        id=test,
-        title=f"{label[0].upper()}{label[1:]}",
-        unit="1",
-        group="tests",
-        scale="log",
-        traces=(
-            Trace(signal=f"{stem}.statistic", label="statistic", role="statistic"),
-            Trace(signal=f"{stem}.threshold", label="threshold", role="threshold"),
-        ),
-        shown=shown,
-    )
+    return chart_of_test(test, capital(TEST_LABELS[test]), f"test.{test}.gps", shown)
 
 
 def _satellite_chart(id: str, title: str, unit: str, group: str, stem: str) -> Chart:

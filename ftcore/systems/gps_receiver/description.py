@@ -7,6 +7,7 @@ from typing import Final
 
 from ftcore.description import Block, Channel, SceneItem, Signal, Subsystem, SystemDescription, Test, Wire
 from ftcore.faults import ALL_KINDS
+from ftcore.systems.declarations import signals_of_tests
 from ftcore.systems.gps_receiver.charts import charts
 from ftcore.systems.gps_receiver.forms import Parameters, Settings
 from ftcore.systems.gps_receiver.names import EPOCH, ESTIMATORS, PRNS, SATELLITES, SUBJECTS, TEST_LABELS, TESTS
@@ -86,10 +87,7 @@ def _signals() -> list[Signal]:
         add(f"{estimator}.satellites", f"{label}: satellites used", "1", "geometry")
         add(f"{estimator}.protection", f"{label}: horizontal protection level of its satellites", "m", "integrity")
         add(f"{estimator}.stanford", f"{label}: {_CLASSES}", "1", "integrity")
-    for test, subject in TESTS:
-        for part in ("statistic", "threshold", "dof", "alarm"):
-            label = f"{TEST_LABELS[test]}, {_subject_label(subject)}: {part}"
-            add(f"test.{test}.{subject}.{part}", label, "1", "test")
+    found += signals_of_tests(TESTS, TEST_LABELS, _subject_label)
     add("protection.horizontal", "horizontal protection level of the combined solution's satellites", "m", "integrity")
     add("protection.slope", "the same by slope", "m", "integrity")
     add("protection.separation", "the same by solution separation", "m", "integrity")

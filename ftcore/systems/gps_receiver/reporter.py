@@ -11,9 +11,10 @@ from ftcore.description import BlockView, Health, ItemView, View
 from ftcore.detection import raim
 from ftcore.detection.protection import stanford
 from ftcore.estimation import least_squares
-from ftcore.systems.base import HEALTH, Controls, Flags, Output
+from ftcore.systems.base import Controls, Flags, Output
 from ftcore.systems.gps_receiver.integrity import Protection
 from ftcore.systems.gps_receiver.names import ESTIMATORS, SATELLITES, SUBJECTS, TESTS
+from ftcore.systems.reporting import healths
 
 Array = NDArray[np.float64]
 
@@ -126,11 +127,7 @@ class Reporter:
         self, time: float, truth: Truth | None, output: Output | None, controls: Controls, faulted: frozenset[str]
     ) -> View:
         """Diagram and scene of run 0."""
-        health: dict[str, Health] = {subject: "ok" for subject in SUBJECTS}
-        if output is not None:
-            health |= {s: HEALTH[output.health[0, i]] for i, s in enumerate(SUBJECTS)}  # type: ignore[misc]
-        if not controls.enabled["gps"]:
-            health["gps"] = "off"
+        health = healths(SUBJECTS, output, controls)
         detail: Detail | None = None if output is None else output.detail
         errors = None
         if detail is not None and truth is not None:

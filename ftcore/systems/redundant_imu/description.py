@@ -6,6 +6,7 @@ from functools import lru_cache
 
 from ftcore.description import Channel, Signal, Subsystem, SystemDescription, Test
 from ftcore.faults import ALL_KINDS
+from ftcore.systems.declarations import signals_of_tests, used_signals
 from ftcore.systems.redundant_imu.charts import charts
 from ftcore.systems.redundant_imu.forms import Parameters, Settings
 from ftcore.systems.redundant_imu.names import (
@@ -106,20 +107,14 @@ def _signals() -> list[Signal]:
                 found.append(Signal(name=name, label=f"{label}: {words}, {part}", unit=unit, group="error"))
         words = f"{label}: distance from the healthy twin"
         found.append(Signal(name=f"{estimator}.distance", label=words, unit="m", group="error"))
-    for test, subject in TESTS:
-        for part in ("statistic", "threshold", "dof", "alarm"):
-            angle = test == "isolation-angle" and part in ("statistic", "threshold")
-            label = f"{TEST_LABELS[test]}, {subject_label(subject)}: {part}"
-            unit = "deg" if angle else "1"
-            found.append(Signal(name=f"test.{test}.{subject}.{part}", label=label, unit=unit, group="test"))
+    found += signals_of_tests(TESTS, TEST_LABELS, subject_label, {"isolation-angle": "deg"})
     for i in (1, 2, 3):
         found.append(Signal(name=f"parity.{i}", label=f"parity vector {i}", unit="rad/s", group="parity"))
     for axis in AXES:
         found.append(
             Signal(name=f"residual.ukf.{axis}", label=f"UKF residual, gyro {axis}", unit="rad/s", group="residual")
         )
-    for subject in SUBJECTS:
-        found.append(Signal(name=f"used.{subject}", label=f"{subject_label(subject)} used", unit="1", group="decision"))
+    found += used_signals(SUBJECTS, subject_label)
     for name, label in (
         ("ukf.active", "UKF runs"),
         ("isolation.open", "somebody is in doubt"),

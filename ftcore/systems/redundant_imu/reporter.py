@@ -12,7 +12,7 @@ from ftcore.description import BlockView, Health, ItemView, View
 from ftcore.detection import ambiguity, geometry, parity
 from ftcore.detection.geometry import Cluster
 from ftcore.rotation import rpy_to_matrix
-from ftcore.systems.base import HEALTH, Controls, Flags, Output
+from ftcore.systems.base import Controls, Flags, Output
 from ftcore.systems.redundant_imu.names import (
     AIR,
     AXES,
@@ -26,6 +26,7 @@ from ftcore.systems.redundant_imu.names import (
 )
 from ftcore.systems.redundant_imu.pictures import KILOMETRE
 from ftcore.systems.redundant_imu.plant import RATES, Truth
+from ftcore.systems.reporting import healths, quaternion, vector
 from ftcore.world.aircraft import S
 
 Array = NDArray[np.float64]
@@ -117,12 +118,7 @@ class Reporter:
         self, time: float, truth: Truth | None, output: Output | None, controls: Controls, faulted: frozenset[str]
     ) -> View:
         """Diagram and scene of run 0."""
-        health: dict[str, Health] = {subject: "ok" for subject in SUBJECTS}
-        if output is not None:
-            health |= {s: HEALTH[output.health[0, i]] for i, s in enumerate(SUBJECTS)}  # type: ignore[misc]
-        for name, on in controls.enabled.items():
-            if not on:
-                health[name] = "off"
+        health = healths(SUBJECTS, output, controls)
         return View(
             time=time,
             blocks=self._blocks(truth, output, controls, health, faulted),
@@ -197,19 +193,19 @@ class Reporter:
             state = health[f"{GYRO}.{axis[0]}"]
             if state not in ("isolated", "off") and f"{GYRO}.{axis}" in faulted:
                 state = "faulted"
-            items[f"axis.{axis}"] = ItemView(vector=_vector(self._axes[i]), health=state)
+            items[f"axis.{axis}"] = ItemView(vector=vector(self._axes[i]), health=state)
         for k in range(INSTRUMENTS):
-            items[f"spin.{k + 1}"] = ItemView(vector=_vector(0.8 * self._spin[k]))
-            items[f"plane.{k + 1}"] = ItemView(vector=_vector(self._normals[k]), health=self._plane(k, output, health))
+            items[f"spin.{k + 1}"] = ItemView(vector=vector(0.8 * self._spin[k]))
+            items[f"plane.{k + 1}"] = ItemView(vector=vector(self._normals[k]), health=self._plane(k, output, health))
         for name, line in zip(("12", "13", "23"), self._lines, strict=True):
             items[f"singular.{name}"] = ItemView(
-                vector=None if line is None else _vector(0.7 * line), visible=line is not None
+                vector=None if line is None else vector(0.7 * line), visible=line is not None
             )
         parity_vector, detected = (0.0, 0.0, 0.0), False
         if output is not None:
             p = output.detail.p[0]
             ratio = math.sqrt(output.statistic[0, 0] / max(float(output.threshold[0, 0]), 1e-30))
-            parity_vector = _vector(p / max(float(np.linalg.norm(p)), 1e-30) * min(ratio, 1.6))
+            parity_vector = vector(p / max(float(np.linalg.norm(p)), 1e-30) * min(ratio, 1.6))
             detected = bool(output.alarm[0, 0])
         items["parity"] = ItemView(
             vector=parity_vector, health="suspect" if detected else "ok", visible=output is not None
@@ -219,11 +215,11 @@ class Reporter:
         for a, name in enumerate(FLOWN):
             point = None
             if truth is not None:
-                point = _vector((truth.x[0, a, S.EAST : S.UP + 1] - self._start) / KILOMETRE)
+                point = vector((truth.x[0, a, S.EAST : S.UP + 1] - self._start) / KILOMETRE)
             items[f"path.{name}"] = ItemView(vector=point, visible=truth is not None)
         turned = (1.0, 0.0, 0.0, 0.0)
         if truth is not None:
-            turned = _quaternion(rpy_to_matrix(truth.x[0, PROTECTED, S.ROLL : S.HEADING + 1]))
+            turned = quaternion(rpy_to_matrix(truth.x[0, PROTECTED, S.ROLL : S.HEADING + 1]))
         items["aircraft"] = ItemView(rotation=turned)
         return items
 
@@ -253,14 +249,3 @@ def _velocity(x: Array) -> Array:
     along = V * np.cos(beta)
     v_b = np.stack([along * np.cos(alpha), V * np.sin(beta), along * np.sin(alpha)], axis=-1)
     return np.asarray(np.matvec(rpy_to_matrix(x[..., S.ROLL : S.HEADING + 1]), v_b))
-
-
-def _vector(v: Array) -> tuple[float, float, float]:
-    return (float(v[0]), float(v[1]), float(v[2]))
-
-
-def _quaternion(C_nb: Array) -> tuple[float, float, float, float]:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(C_nb).as_quat()
-    return (float(w), float(x), float(y), float(z))

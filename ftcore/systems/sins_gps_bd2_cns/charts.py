@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ftcore.description import Chart, Trace
+from ftcore.systems.declarations import capital, nees_chart, parity_charts
 from ftcore.systems.sins_gps_bd2_cns.names import (
     AID_TESTS,
     AIDS,
@@ -87,9 +88,7 @@ def _test_chart(test: str, subject: str, shown: bool = False) -> Chart:
         traces.append(Trace(signal=f"{stem}.threshold", label="threshold", role="threshold"))
     words = TEST_LABELS[test]
     title = (
-        f"q of {subject_label(subject)}"
-        if test == "two-propagator"
-        else f"{words[0].upper()}{words[1:]}, {subject_label(subject)}"
+        f"q of {subject_label(subject)}" if test == "two-propagator" else f"{capital(words)}, {subject_label(subject)}"
     )
     return Chart(
         id=f"{test}-{subject}", title=title, unit="1", group="tests", scale="log", traces=tuple(traces), shown=shown
@@ -177,29 +176,9 @@ def charts() -> list[Chart]:
         )
     )
     found += [_test_chart(test, f"imu.{cluster}") for test in IMU_TESTS for cluster in CLUSTERS]
-    for cluster, unit in (("gyro", "deg/h"), ("accelerometer", "mg")):
-        found.append(
-            Chart(
-                id=f"parity-vector-{cluster}",
-                title=f"Parity vector, {cluster}s of the redundant IMU",
-                unit=unit,
-                group="parity",
-                traces=tuple(Trace(signal=f"parity.{cluster}.{i}", label=f"component {i}") for i in (1, 2, 3)),
-            )
-        )
-    found.append(
-        Chart(
-            id="nees",
-            title="Consistency: NEES of 9 states",
-            unit="1",
-            group="consistency",
-            scale="log",
-            traces=tuple(
-                Trace(signal=f"{e}.nees", label=ESTIMATORS[e], role=ROLES[e])  # type: ignore[arg-type]
-                for e in ("fused", "without-imm", "unprotected")
-            ),
-        )
-    )
+    found += parity_charts(" of the redundant IMU")
+    compared = {e: ESTIMATORS[e] for e in ("fused", "without-imm", "unprotected")}
+    found.append(nees_chart(compared, ROLES))
     found.append(
         Chart(
             id="attitude-true",

@@ -6,6 +6,14 @@ from functools import lru_cache
 
 from ftcore.description import Channel, Signal, Subsystem, SystemDescription, Test
 from ftcore.faults import ALL_KINDS
+from ftcore.systems.declarations import (
+    declared_imu_tests,
+    flight_signals,
+    navigation_signals,
+    parity_signals,
+    signals_of_tests,
+    used_signals,
+)
 from ftcore.systems.sins_gps_bd2_cns.charts import charts
 from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.names import (
@@ -79,35 +87,12 @@ def _tests() -> list[Test]:
         Test(name=n, label=TEST_LABELS[n], subjects=tuple(AIDS), dof=dof, source=source, may_drive=drives)
         for n, dof, source, drives in rows
     ]
-    for name, source in (("parity", "001 (29)-(32)"), ("glt", "000 [12]")):
-        found.append(
-            Test(
-                name=name,
-                label=TEST_LABELS[name],
-                subjects=tuple(subject for test, subject in TESTS if test == name),
-                dof="3 for the whole; 1 for an instrument; none without the redundant IMU",
-                source=source,
-            )
-        )
+    found += declared_imu_tests(TEST_LABELS, TESTS, unless="without the redundant IMU")
     return found
 
 
 def _signals() -> list[Signal]:
-    found = []
-    for estimator, label in ESTIMATORS.items():
-        for kind in ("error", "sigma"):
-            for quantity, (unit, parts) in ERRORS.items():
-                for part in parts:
-                    name = f"{estimator}.{kind}.{quantity}.{part}"
-                    words = f"{label}: {quantity} {part} {'error' if kind == 'error' else '1-sigma'}"
-                    found.append(Signal(name=name, label=words, unit=unit, group=kind))
-        horizontal = f"{estimator}.error.position.horizontal"
-        found.append(Signal(name=horizontal, label=f"{label}: horizontal position error", unit="m", group="error"))
-        found.append(Signal(name=f"{estimator}.nees", label=f"{label}: NEES, 9 states", unit="1", group="consistency"))
-    for test, subject in TESTS:
-        for part in ("statistic", "threshold", "dof", "alarm"):
-            label = f"{TEST_LABELS[test]}, {subject_label(subject)}: {part}"
-            found.append(Signal(name=f"test.{test}.{subject}.{part}", label=label, unit="1", group="test"))
+    found = navigation_signals(ESTIMATORS, ERRORS) + signals_of_tests(TESTS, TEST_LABELS, subject_label)
     for aid, label in AIDS.items():
         words = f"two-propagator test, {label}: lower threshold, doubt"
         found.append(Signal(name=f"test.two-propagator.{aid}.doubt", label=words, unit="1", group="test"))
@@ -121,21 +106,9 @@ def _signals() -> list[Signal]:
     for which in ("1", "2", "reference"):
         words = "the reference propagator" if which == "reference" else f"propagator {which}"
         found.append(Signal(name=f"propagator.{which}.age", label=f"age of {words}", unit="s", group="test"))
-    for subject in SUBJECTS:
-        found.append(Signal(name=f"used.{subject}", label=f"{subject_label(subject)} used", unit="1", group="decision"))
-    for cluster, unit in (("gyro", "deg/h"), ("accelerometer", "mg")):
-        for i in (1, 2, 3):
-            found.append(
-                Signal(name=f"parity.{cluster}.{i}", label=f"{cluster} parity vector {i}", unit=unit, group="parity")
-            )
-    found += [
-        Signal(name="truth.height", label="true height", unit="m", group="flight"),
-        Signal(name="truth.speed", label="true ground speed", unit="m/s", group="flight"),
-        Signal(name="truth.roll", label="true roll", unit="deg", group="flight"),
-        Signal(name="truth.pitch", label="true pitch", unit="deg", group="flight"),
-        Signal(name="truth.heading", label="true heading", unit="deg", group="flight"),
-    ]
-    return found
+    found += used_signals(SUBJECTS, subject_label)
+    found += parity_signals()
+    return found + flight_signals()
 
 
 @lru_cache(maxsize=1)

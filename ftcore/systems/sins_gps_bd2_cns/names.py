@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ftcore.systems.declarations import redundant_imu_tests
+
 EPOCH = 1.0
 AIDS = {"gps": "GPS", "bd2": "BD2", "cns": "CNS"}
 ESTIMATORS = {
@@ -52,17 +54,7 @@ def aid_tests() -> list[tuple[str, str]]:
     return [(test, subject) for test in AID_TESTS for subject in AIDS]
 
 
-def imu_tests() -> list[tuple[str, str]]:
-    """(test, subject) of the tests on the redundant IMU, in column order."""
-    return [
-        (test, subject)
-        for test in IMU_TESTS
-        for cluster in CLUSTERS
-        for subject in (f"imu.{cluster}", *(f"imu.{cluster}.{k}" for k in (1, 2, 3)))
-    ]
-
-
-TESTS = (*aid_tests(), *imu_tests())
+TESTS = (*aid_tests(), *redundant_imu_tests(IMU_TESTS))
 
 
 def subject_label(subject: str) -> str:

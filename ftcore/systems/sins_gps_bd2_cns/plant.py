@@ -16,10 +16,10 @@ from ftcore.readings import Group, Readings
 from ftcore.rotation import rotvec_to_matrix, rpy_to_matrix
 from ftcore.sensors import positioning, star_tracker
 from ftcore.sensors.inertial import AxisCluster
+from ftcore.systems.reporting import Truth
 from ftcore.systems.sins_gps_bd2_cns.forms import Flight, Parameters
 from ftcore.systems.sins_gps_bd2_cns.measurements import Chart
 from ftcore.systems.sins_gps_bd2_cns.names import AXES, BODY, EPOCH
-from ftcore.systems.sins_gps_bd2_cns.reporter import Truth
 from ftcore.world import manoeuvres
 from ftcore.world.trajectory import Segment, Straight, Trajectory, build
 

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import BlockView, Health, ItemView, View
-from ftcore.estimation import kalman
 from ftcore.estimation.ins_error import navigation_error
 from ftcore.estimation.strapdown import InsState
-from ftcore.rotation import matrix_to_rpy
-from ftcore.systems.base import HEALTH, Controls, Output
+from ftcore.systems.base import Controls, Output
+from ftcore.systems.reporting import (
+    LEVEL,
+    Truth,
+    columns_of_tests,
+    flight_columns,
+    healths,
+    navigation_columns,
+    quaternion,
+    vector,
+)
 from ftcore.systems.sins_gps_bd2_cns.names import AXES, CLUSTERS, PAIRS, SUBJECTS, SUBSET_LABELS
 from ftcore.systems.sins_gps_bd2_cns.sky import Sky
 
 Array = NDArray[np.float64]
 
-LEVEL = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
-"""Body to level for level flight to the north: what is shown before the first epoch."""
 OWN_STRAPDOWN = 2
 """Which estimator corrects the unprotected strapdown, where there is one."""
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What really is, at the end of an epoch: arrays lead with 1, all runs fly the same path."""
-
-    lla: Array
-    v_n: Array
-    C_nb: Array
 
 
 @dataclass(frozen=True)
@@ -76,18 +72,11 @@ class Reporter:
         which = np.zeros(d.x.shape[1], int)
         which[OWN_STRAPDOWN] = truth_error.shape[1] - 1
         error = truth_error[:, which] - d.x
-        sigma = np.sqrt(np.diagonal(d.P, axis1=-2, axis2=-1))
-        horizontal = np.sqrt(error[..., 0:1] ** 2 + error[..., 1:2] ** 2)
-        nees = kalman.nees(error, d.P)[..., None]
-        estimators = np.concatenate([error, sigma, horizontal, nees], axis=-1).reshape(runs, -1)
-        tests = np.stack([output.statistic, output.threshold, output.dof, output.alarm], axis=-1).reshape(runs, -1)
-        rpy = matrix_to_rpy(truth.C_nb)[0]
-        flight = np.array([truth.lla[0, 2], np.linalg.norm(truth.v_n[0]), *rpy])
         parity = np.full((runs, 6), np.nan) if d.parity is None else d.parity.reshape(runs, -1)
         return np.concatenate(
             [
-                estimators,
-                tests,
+                navigation_columns(error, d.P),
+                columns_of_tests(output),
                 d.doubt,
                 d.beta,
                 d.alpha,
@@ -97,7 +86,7 @@ class Reporter:
                 np.take_along_axis(d.age, d.reference[:, None], axis=1),
                 output.used,
                 parity,
-                np.broadcast_to(flight, (runs, len(flight))),
+                flight_columns(truth, runs),
             ],
             axis=-1,
         )
@@ -106,12 +95,7 @@ class Reporter:
         self, time: float, truth: Truth | None, output: Output | None, controls: Controls, faulted: frozenset[str]
     ) -> View:
         """Diagram and scene of run 0."""
-        health: dict[str, Health] = {subject: "ok" for subject in SUBJECTS}
-        if output is not None:
-            health |= {s: HEALTH[output.health[0, i]] for i, s in enumerate(SUBJECTS)}  # type: ignore[misc]
-        for name, on in controls.enabled.items():
-            if not on:
-                health[name] = "off"
+        health = healths(SUBJECTS, output, controls)
         return View(
             time=time,
             blocks=self._blocks(output, controls, health, faulted),
@@ -203,36 +187,25 @@ class Reporter:
                     continue
                 subject = f"imu.{cluster}.{axis[0]}"
                 fate: Health = "faulted" if name in faulted else health.get(subject, "ok")
-                vector = length * self._axes[fitted.index(axis)]
-                items[f"axis.{cluster}.{axis}"] = ItemView(vector=_vector(vector), health=fate)
+                line = length * self._axes[fitted.index(axis)]
+                items[f"axis.{cluster}.{axis}"] = ItemView(vector=vector(line), health=fate)
         lla = None if truth is None else truth.lla[0]
         for name, line in self._sky.lines(time, lla).items():
             aid = "gps" if name.startswith("gps") else "bd2"
             broken = any(channel.startswith(aid + ".") for channel in faulted)
             fate = "faulted" if broken else health[aid] if health[aid] in ("isolated", "off") else "ok"
             items[f"satellite.{name}"] = ItemView(
-                vector=None if line is None else _vector(1.5 * line), health=fate, visible=line is not None
+                vector=None if line is None else vector(1.5 * line), health=fate, visible=line is not None
             )
         broken = any(channel.startswith("cns.") for channel in faulted)
         items["boresight"] = ItemView(
             vector=(0.0, 0.0, -1.2),
             health="faulted" if broken else "ok" if health["cns"] == "suspect" else health["cns"],
         )
-        rotation = LEVEL if truth is None else _quaternion(truth.C_nb[0])
+        rotation = LEVEL if truth is None else quaternion(truth.C_nb[0])
         items["aircraft"] = ItemView(rotation=rotation)
         return items
 
 
 def _older(d: Detail) -> float:
     return float(d.age[0, d.reference[0]])
-
-
-def _vector(v: Array) -> tuple[float, float, float]:
-    return (float(v[0]), float(v[1]), float(v[2]))
-
-
-def _quaternion(C: Array) -> tuple[float, float, float, float]:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(C).as_quat()
-    return (float(w), float(x), float(y), float(z))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ftcore.description import Chart, Trace
+from ftcore.systems.declarations import capital, chart_of_test, nees_chart, parity_charts
 from ftcore.systems.sins_gps_doppler.names import (
     AID_TESTS,
     AIDS,
@@ -35,15 +36,8 @@ def _error_chart(quantity: str, part: str, title: str, shown: bool = False) -> C
 
 
 def _test_chart(test: str, subject: str, shown: bool = False) -> Chart:
-    stem = f"test.{test}.{subject}"
-    traces = [
-        Trace(signal=f"{stem}.statistic", label="statistic", role="statistic"),
-        Trace(signal=f"{stem}.threshold", label="threshold", role="threshold"),
-    ]
-    title = f"{TEST_LABELS[test][0].upper()}{TEST_LABELS[test][1:]}, {subject_label(subject)}"
-    return Chart(
-        id=f"{test}-{subject}", title=title, unit="1", group="tests", scale="log", traces=tuple(traces), shown=shown
-    )
+    title = f"{capital(TEST_LABELS[test])}, {subject_label(subject)}"
+    return chart_of_test(f"{test}-{subject}", title, f"test.{test}.{subject}", shown)
 
 
 def _both_chart(test: str) -> Chart:
@@ -53,7 +47,7 @@ def _both_chart(test: str) -> Chart:
         for part, words, role in (("statistic", "", "statistic"), ("threshold", " threshold", "threshold"))
         for subject, label in AIDS.items()
     ]
-    title = f"{TEST_LABELS[test][0].upper()}{TEST_LABELS[test][1:]}, both aids"
+    title = f"{capital(TEST_LABELS[test])}, both aids"
     return Chart(id=f"{test}-aids", title=title, unit="1", group="tests", scale="log", traces=tuple(traces), shown=True)
 
 
@@ -88,16 +82,7 @@ def charts() -> list[Chart]:
         for cluster in CLUSTERS:
             found.append(_test_chart(test, f"imu.{cluster}", shown=(test, cluster) == ("parity", "accelerometer")))
     found += [_test_chart("parity-trusted", f"imu.{cluster}") for cluster in CLUSTERS]
-    for cluster, unit in (("gyro", "deg/h"), ("accelerometer", "mg")):
-        found.append(
-            Chart(
-                id=f"parity-vector-{cluster}",
-                title=f"Parity vector, {cluster}s",
-                unit=unit,
-                group="parity",
-                traces=tuple(Trace(signal=f"parity.{cluster}.{i}", label=f"component {i}") for i in (1, 2, 3)),
-            )
-        )
+    found += parity_charts()
     found.append(
         Chart(
             id="isolation-accelerometer",
@@ -141,19 +126,7 @@ def charts() -> list[Chart]:
             traces=tuple(Trace(signal=f"discrepancy.gps.{slot}", label=slot) for slot in SLOTS),
         )
     )
-    found.append(
-        Chart(
-            id="nees",
-            title="Consistency: NEES of 9 states",
-            unit="1",
-            group="consistency",
-            scale="log",
-            traces=tuple(
-                Trace(signal=f"{e}.nees", label=label, role=ROLES[e])  # type: ignore[arg-type]
-                for e, label in ESTIMATORS.items()
-            ),
-        )
-    )
+    found.append(nees_chart(ESTIMATORS, ROLES))
     found.append(
         Chart(
             id="geometry",

@@ -12,6 +12,14 @@ from ftcore.description import (
     Test,
 )
 from ftcore.faults import ALL_KINDS
+from ftcore.systems.declarations import (
+    declared_imu_tests,
+    flight_signals,
+    navigation_signals,
+    parity_signals,
+    signals_of_tests,
+    used_signals,
+)
 from ftcore.systems.sins_gps_doppler.charts import charts
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.names import (
@@ -79,7 +87,6 @@ def _aid(
 
 def _tests() -> list[Test]:
     aids = tuple(AIDS)
-    imu = tuple(s for c in CLUSTERS for s in (f"imu.{c}", f"imu.{c}.1", f"imu.{c}.2", f"imu.{c}.3"))
     rows = (
         ("residual", "number of measurements", "000 (56)-(57)"),
         ("state", "rank of P2 - P1", "000 (48)-(52), rank-aware"),
@@ -88,16 +95,7 @@ def _tests() -> list[Test]:
         ("cusum", "1 (normal scores of the residual statistic)", "Page; Brook and Evans"),
     )
     found = [Test(name=n, label=TEST_LABELS[n], subjects=aids, dof=dof, source=source) for n, dof, source in rows]
-    for name, source in (("parity", "001 (29)-(32)"), ("glt", "000 [12]")):
-        found.append(
-            Test(
-                name=name,
-                label=TEST_LABELS[name],
-                subjects=imu,
-                dof="3 for the whole; 1 for an instrument",
-                source=source,
-            )
-        )
+    found += declared_imu_tests(TEST_LABELS, TESTS)
     found.append(
         Test(
             name="parity-trusted",
@@ -122,28 +120,9 @@ def _tests() -> list[Test]:
 
 
 def _signals() -> list[Signal]:
-    found = []
-    for estimator, label in ESTIMATORS.items():
-        for kind in ("error", "sigma"):
-            for quantity, (unit, parts) in ERRORS.items():
-                for part in parts:
-                    name = f"{estimator}.{kind}.{quantity}.{part}"
-                    words = f"{label}: {quantity} {part} {'error' if kind == 'error' else '1-sigma'}"
-                    found.append(Signal(name=name, label=words, unit=unit, group=kind))
-        horizontal = f"{estimator}.error.position.horizontal"
-        found.append(Signal(name=horizontal, label=f"{label}: horizontal position error", unit="m", group="error"))
-        found.append(Signal(name=f"{estimator}.nees", label=f"{label}: NEES, 9 states", unit="1", group="consistency"))
-    for test, subject in TESTS:
-        for part in ("statistic", "threshold", "dof", "alarm"):
-            label = f"{TEST_LABELS[test]}, {subject_label(subject)}: {part}"
-            found.append(Signal(name=f"test.{test}.{subject}.{part}", label=label, unit="1", group="test"))
-    for cluster, unit in (("gyro", "deg/h"), ("accelerometer", "mg")):
-        for i in (1, 2, 3):
-            found.append(
-                Signal(name=f"parity.{cluster}.{i}", label=f"{cluster} parity vector {i}", unit=unit, group="parity")
-            )
-    for subject in SUBJECTS:
-        found.append(Signal(name=f"used.{subject}", label=f"{subject_label(subject)} used", unit="1", group="decision"))
+    found = navigation_signals(ESTIMATORS, ERRORS) + signals_of_tests(TESTS, TEST_LABELS, subject_label)
+    found += parity_signals()
+    found += used_signals(SUBJECTS, subject_label)
     for axis in ("x", "y", "z"):
         found.append(
             Signal(name=f"reading.doppler.{axis}", label=f"Doppler {axis}: reading", unit="m/s", group="output")
@@ -170,11 +149,7 @@ def _signals() -> list[Signal]:
             Signal(name=f"weight.{n}", label=f"weight of the estimate, {text}", unit="1", group="weight")
             for n, text in SUBSETS.items()
         ),
-        Signal(name="truth.height", label="true height", unit="m", group="flight"),
-        Signal(name="truth.speed", label="true ground speed", unit="m/s", group="flight"),
-        Signal(name="truth.roll", label="true roll", unit="deg", group="flight"),
-        Signal(name="truth.pitch", label="true pitch", unit="deg", group="flight"),
-        Signal(name="truth.heading", label="true heading", unit="deg", group="flight"),
+        *flight_signals(),
     ]
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ftcore.systems.declarations import redundant_imu_tests
 from ftcore.world.constellation import almanac
 
 SLOTS = almanac().names
@@ -51,17 +52,12 @@ def aid_tests() -> list[tuple[str, str]]:
     return [(test, subject) for test in AID_TESTS for subject in AIDS]
 
 
-def imu_tests() -> list[tuple[str, str]]:
-    """(test, subject) of the tests on the redundant IMU, in column order."""
-    return [
-        (test, subject)
-        for test in IMU_TESTS
-        for cluster in CLUSTERS
-        for subject in (f"imu.{cluster}", *(f"imu.{cluster}.{k}" for k in (1, 2, 3)))
-    ]
-
-
-TESTS = (*aid_tests(), *imu_tests(), *(("parity-trusted", f"imu.{c}") for c in CLUSTERS), ("integrity", "gps"))
+TESTS = (
+    *aid_tests(),
+    *redundant_imu_tests(IMU_TESTS),
+    *(("parity-trusted", f"imu.{c}") for c in CLUSTERS),
+    ("integrity", "gps"),
+)
 
 
 def subject_label(subject: str) -> str:

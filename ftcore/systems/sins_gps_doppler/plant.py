@@ -16,9 +16,9 @@ from ftcore.readings import Readings
 from ftcore.rotation import rotvec_to_matrix
 from ftcore.sensors import altimeter, doppler, gnss
 from ftcore.sensors.inertial import AxisCluster
+from ftcore.systems.reporting import Truth
 from ftcore.systems.sins_gps_doppler.forms import Flight, Parameters
 from ftcore.systems.sins_gps_doppler.names import EPOCH
-from ftcore.systems.sins_gps_doppler.reporter import Truth
 from ftcore.world import constellation
 from ftcore.world.trajectory import Straight, Trajectory, build
 

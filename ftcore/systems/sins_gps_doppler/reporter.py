@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,28 +9,25 @@ from numpy.typing import NDArray
 
 from ftcore.description import BlockView, Health, ItemView, View
 from ftcore.detection.geometry import Cluster
-from ftcore.estimation import kalman
 from ftcore.estimation.ins_error import navigation_error
 from ftcore.estimation.strapdown import InsState
-from ftcore.rotation import matrix_to_rpy
-from ftcore.systems.base import HEALTH, Controls, Output
+from ftcore.systems.base import Controls, Output
+from ftcore.systems.reporting import (
+    LEVEL,
+    Truth,
+    columns_of_tests,
+    flight_columns,
+    healths,
+    navigation_columns,
+    quaternion,
+    vector,
+)
 from ftcore.systems.sins_gps_doppler.names import AIDS, AXES, CLUSTERS, SLOTS, SUBJECTS, TESTS
 
 Array = NDArray[np.float64]
 
-LEVEL = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
-"""Body to level for level flight to the north: what is shown before the first epoch."""
 INS_OF_ESTIMATOR = [0, 0, 0, 1]
 """fused, gps and doppler correct the protected strapdown, unprotected its own."""
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What really is, at the end of an epoch: arrays lead with 1, all runs fly the same path."""
-
-    lla: Array
-    v_n: Array
-    C_nb: Array
 
 
 @dataclass(frozen=True)
@@ -82,18 +78,11 @@ class Reporter:
         true = InsState(truth.lla[:, None], truth.v_n[:, None], truth.C_nb[:, None])
         truth_error = navigation_error(detail.ins, true)[:, INS_OF_ESTIMATOR]
         error = truth_error - detail.x
-        sigma = np.sqrt(np.diagonal(detail.P, axis1=-2, axis2=-1))
-        horizontal = np.sqrt(error[..., 0:1] ** 2 + error[..., 1:2] ** 2)
-        nees = kalman.nees(error, detail.P)[..., None]
-        estimators = np.concatenate([error, sigma, horizontal, nees], axis=-1).reshape(runs, -1)
-        tests = np.stack([output.statistic, output.threshold, output.dof, output.alarm], axis=-1).reshape(runs, -1)
         outputs = np.swapaxes(detail.doppler, 1, 2).reshape(runs, -1)
-        rpy = matrix_to_rpy(truth.C_nb)[0]
-        flight = np.array([truth.lla[0, 2], np.linalg.norm(truth.v_n[0]), *rpy])
         return np.concatenate(
             [
-                estimators,
-                tests,
+                navigation_columns(error, detail.P),
+                columns_of_tests(output),
                 detail.parity.reshape(runs, -1),
                 output.used,
                 outputs,
@@ -102,7 +91,7 @@ class Reporter:
                 detail.excluded[:, None],
                 detail.hdop[:, None],
                 detail.weights,
-                np.broadcast_to(flight, (runs, len(flight))),
+                flight_columns(truth, runs),
             ],
             axis=-1,
         )
@@ -111,14 +100,10 @@ class Reporter:
         self, time: float, truth: Truth | None, output: Output | None, controls: Controls, faulted: frozenset[str]
     ) -> View:
         """Diagram and scene of run 0."""
-        health: dict[str, Health] = {subject: "ok" for subject in SUBJECTS}
+        health = healths(SUBJECTS, output, controls)
         alarms: list[str] = []
         if output is not None:
-            health |= {s: HEALTH[output.health[0, i]] for i, s in enumerate(SUBJECTS)}  # type: ignore[misc]
             alarms = [f"{test} {subject}" for i, (test, subject) in enumerate(TESTS) if output.alarm[0, i]]
-        for name, on in controls.enabled.items():
-            if not on:
-                health[name] = "off"
         blocks = self._blocks(output, controls, health, alarms, faulted)
         return View(time=time, blocks=blocks, items=self._items(truth, output, health, faulted))
 
@@ -207,24 +192,24 @@ class Reporter:
         for cluster, length in (("gyro", 1.0), ("accelerometer", 0.65)):
             for i, axis in enumerate(AXES):
                 items[f"axis.{cluster}.{axis}"] = ItemView(
-                    vector=_vector(length * self._axes[i]),
+                    vector=vector(length * self._axes[i]),
                     health=state(f"imu.{cluster}.{axis}", f"imu.{cluster}.{axis[0]}"),
                 )
         for k in (1, 2, 3):
-            items[f"spin.{k}"] = ItemView(vector=_vector(0.8 * self._spin[k - 1]))
-            items[f"plane.{k}"] = ItemView(vector=_vector(self._normals[k - 1]))
+            items[f"spin.{k}"] = ItemView(vector=vector(0.8 * self._spin[k - 1]))
+            items[f"plane.{k}"] = ItemView(vector=vector(self._normals[k - 1]))
         detail: Detail | None = None if output is None else output.detail
         for c, cluster in enumerate(CLUSTERS):
-            vector = (0.0, 0.0, 0.0)
+            shown = (0.0, 0.0, 0.0)
             alarm = False
             if output is not None and detail is not None:
                 column = TESTS.index(("parity", f"imu.{cluster}"))
                 ratio = np.sqrt(np.nan_to_num(output.statistic[0, column] / output.threshold[0, column]))
                 p = detail.parity[0, c]
-                vector = _vector(p / max(float(np.linalg.norm(p)), 1e-30) * min(float(ratio), 2.0))
+                shown = vector(p / max(float(np.linalg.norm(p)), 1e-30) * min(float(ratio), 2.0))
                 alarm = bool(output.alarm[0, column])
             items[f"parity.{cluster}"] = ItemView(
-                vector=vector, health="suspect" if alarm else "ok", visible=output is not None
+                vector=shown, health="suspect" if alarm else "ok", visible=output is not None
             )
         everything = any(name.startswith("gps.") and name.endswith(".all") for name in faulted)
         for i, slot in enumerate(SLOTS):
@@ -235,21 +220,10 @@ class Reporter:
             if fate != "isolated":
                 fate = "faulted" if broken else "isolated" if whole in ("isolated", "off") else fate
             items[f"satellite.{slot}"] = ItemView(
-                vector=_vector(1.5 * line) if seen and line is not None else None, health=fate, visible=seen
+                vector=vector(1.5 * line) if seen and line is not None else None, health=fate, visible=seen
             )
         if truth is not None:
-            items["aircraft"] = ItemView(rotation=_quaternion(truth.C_nb[0]))
+            items["aircraft"] = ItemView(rotation=quaternion(truth.C_nb[0]))
         else:
             items["aircraft"] = ItemView(rotation=LEVEL)
         return items
-
-
-def _vector(v: Array) -> tuple[float, float, float]:
-    return (float(v[0]), float(v[1]), float(v[2]))
-
-
-def _quaternion(C: Array) -> tuple[float, float, float, float]:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(C).as_quat()
-    return (float(w), float(x), float(y), float(z))

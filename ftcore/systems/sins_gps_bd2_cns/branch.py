@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.detection import chi_square, propagators, recovery
+from ftcore.detection import chi_square, coasting, propagators, recovery
 from ftcore.detection.chi_square import Propagators
+from ftcore.detection.coasting import Coast
 from ftcore.detection.propagators import SubsystemTests
 from ftcore.detection.recovery import Standoff
+from ftcore.earth import STANDARD_GRAVITY
 from ftcore.estimation import imm, tolerant_fusion
 from ftcore.estimation.imm import Mixture
+from ftcore.estimation.ins_error import ACCELEROMETER
 from ftcore.estimation.tolerant_fusion import Drives, Fusion, Layout, SubsetUpdates
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_bd2_cns.forms import Settings
@@ -23,6 +26,8 @@ from ftcore.systems.sins_gps_bd2_cns.names import AIDS
 
 Array = NDArray[np.float64]
 LAYOUT = Layout(tuple(AIDS), (3, 3, 3))
+STARS = 2
+"""Place of the star tracker, which no other aid can vouch for."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,7 @@ class Branch:
 
     Attributes:
         mixture, pair: the models, and the two propagators.
-        watch: what is remembered of GPS and BD2 against each other.
+        watch, coast: what is remembered of GPS and BD2 against each other, of the star tracker against raw motion.
         age: seconds since each propagator was reset ``(runs, 2)``.
         known: logarithms of the model probabilities of the last epoch ``(runs, models)``, before their transition.
         drifting: those that each propagator has by itself ``(runs, 2, models)``: the filter's at its reset, since then
@@ -41,6 +46,7 @@ class Branch:
     mixture: Mixture
     pair: Propagators
     watch: Standoff
+    coast: Coast
     age: Array
     known: Array
     drifting: Array
@@ -57,6 +63,23 @@ class Measured:
 
 
 @dataclass(frozen=True)
+class Motion:
+    """What the gyros say by themselves, nothing that was learned taken off: the witness of a star tracker.
+
+    Attributes:
+        raw: level-frame rotation ``(runs, 3)`` of the raw inertial attitude against the star tracker's [rad], from any
+            origin; NaN without a reading.
+        reach: its sensitivity ``(runs, 3, 6)`` to the biases and scale factors of the gyros, each in units of its
+            1-sigma on the data sheet.
+        start: covariance ``(15, 15)`` of the biases at the start of the flight, zero elsewhere.
+    """
+
+    raw: Array
+    reach: Array
+    start: Array
+
+
+@dataclass(frozen=True)
 class Examined:
     """The tests of an epoch.
 
@@ -64,7 +87,8 @@ class Examined:
         innovation: q in its innovation form.
         state: q in its state form; None where nobody asked for it.
         driving: the one of them that weighs the aids.
-        believed: ``(runs, 3)`` rejected aids that agree with each other against the reference.
+        believed: ``(runs, 3)`` rejected aids that are believed against the reference.
+        rescued: ``(runs,)`` where that began in this epoch.
         beta: ``(runs, 3)`` validity of each aid, (15).
         updates: the filter's updates with every subset of the aids.
     """
@@ -73,6 +97,7 @@ class Examined:
     state: SubsystemTests | None
     driving: SubsystemTests
     believed: Flags
+    rescued: Flags
     beta: Array
     updates: SubsetUpdates
 
@@ -84,6 +109,7 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
         imm.start(x, P, mu),
         chi_square.start_propagators(x, P),
         recovery.start_standoff(runs, LAYOUT),
+        coasting.start(runs, LAYOUT.sizes[STARS], 2 * LAYOUT.sizes[STARS]),
         np.zeros((runs, 2)),
         np.broadcast_to(np.log(mu), (runs, len(mu))),
         np.broadcast_to(np.log(mu), (runs, 2, len(mu))),
@@ -101,11 +127,13 @@ def predict(branch: Branch, Phi: Array, Q: Array, transition: Array, own: bool) 
     return replace(branch, mixture=prior, pair=pair, age=branch.age + 1.0, drifting=drifting)
 
 
-def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool, recovers: bool) -> tuple[Branch, Examined]:
+def examine(
+    branch: Branch, m: Measured, motion: Motion, settings: Settings, shadows: bool, recovers: bool
+) -> tuple[Branch, Examined]:
     """Test every aid against the reference.
 
-    ``shadows``: make the state form too where it does not drive. ``recovers``: whether GPS and BD2 may be believed
-    against the reference.
+    ``shadows``: make the state form too where it does not drive. ``recovers``: whether aids may be believed against the
+    reference.
     """
     bounds = settings.doubt_probability, settings.false_alarm_probability
     innovation = propagators.innovation_tests(branch.pair, m.y, m.H, m.R, LAYOUT, m.valid, *bounds)
@@ -115,16 +143,42 @@ def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool, reco
     if shadows or by_state:
         state = propagators.state_tests(branch.pair, updates, *bounds)
     driving = state if by_state and state is not None else innovation
-    watch, believed = recovery.stand_off(branch.watch, m.y, m.R, driving.beta, LAYOUT, m.valid)
     beta = driving.present.astype(float)
-    if settings.driving_test == "none" or not recovers:
-        believed = np.zeros_like(believed)
+    fresh = believed = np.zeros(driving.beta.shape, dtype=bool)
     if settings.driving_test != "none":
-        beta = np.where(believed, 1.0, driving.beta)
-    if believed.any():
-        prior = recovery.widen(branch.mixture, m.y, m.H, LAYOUT, believed)
+        beta = driving.beta
+    if settings.driving_test != "none" and recovers:
+        branch, believed, fresh = _recover(branch, m, motion, driving.beta)
+        beta = np.where(believed, 1.0, beta)
+    if fresh.any():
+        prior = recovery.widen(branch.mixture, m.y, m.H, LAYOUT, fresh)
+        prior = _forgotten(prior, branch.mixture, m, motion, fresh[:, STARS])
         updates = tolerant_fusion.subset_updates(prior, m.y, m.H, m.R, LAYOUT, m.valid)
-    return replace(branch, watch=watch), Examined(innovation, state, driving, believed, beta, updates)
+    rescued = np.asarray(fresh.any(axis=-1))
+    return branch, Examined(innovation, state, driving, believed, rescued, beta, updates)
+
+
+def _recover(branch: Branch, m: Measured, motion: Motion, beta: Array) -> tuple[Branch, Flags, Flags]:
+    """Which aids are believed against the reference, and which since just now, ``(runs, 3)``."""
+    watch, fresh = recovery.stand_off(branch.watch, m.y, m.R, beta, LAYOUT, m.valid)
+    variance = float(m.R[LAYOUT.slices[STARS]].mean())
+    coast, heard, begins = coasting.coast(branch.coast, motion.raw, motion.reach, variance, beta[:, STARS])
+    believed = fresh.copy()
+    fresh[:, STARS], believed[:, STARS] = begins, heard
+    return replace(branch, watch=watch, coast=coast), believed, fresh
+
+
+def _forgotten(prior: Mixture, before: Mixture, m: Measured, motion: Motion, where: Flags) -> Mixture:
+    """The biases, uncertain again as at the start where the attitude is found to be wrong by r, and the accelerometers'
+    by g r besides: a filter with a tilt takes gravity for a bias."""
+    if not where.any():
+        return prior
+    rows = LAYOUT.slices[STARS]
+    r = m.y[:, None, rows] - np.matvec(m.H[:, None, rows], before.x)
+    tilted = STANDARD_GRAVITY**2 * np.square(r).mean(axis=-1)[..., None, None] * np.eye(3)
+    P = prior.P + np.where(where[:, None, None, None], motion.start, 0.0)
+    P[..., ACCELEROMETER, ACCELEROMETER] += np.where(where[:, None, None, None], tilted, 0.0)
+    return replace(prior, P=P)
 
 
 def fuse(branch: Branch, examined: Examined, beta: Array, settings: Settings) -> tuple[Branch, Fusion]:
@@ -137,8 +191,8 @@ def fuse(branch: Branch, examined: Examined, beta: Array, settings: Settings) ->
     if settings.mode_driver == "held":
         known = np.where(fusion.driver[:, None] >= 0, mixture.log_mu, branch.known)
         mixture = replace(mixture, log_mu=known)
-    rescued = np.asarray(examined.believed.any(axis=1))
-    return renew(replace(branch, mixture=mixture, known=known), fusion.x, fusion.P, rescued), fusion
+    doubted = np.asarray(examined.believed.any(axis=1))
+    return renew(replace(branch, mixture=mixture, known=known), fusion.x, fusion.P, doubted), fusion
 
 
 def renew(branch: Branch, x: Array, P: Array, where: Flags) -> Branch:

@@ -27,7 +27,7 @@ from ftcore.systems.base import Controls, Flags, Notice, Output
 from ftcore.systems.sins_gps_bd2_cns import branch as fault_tolerant
 from ftcore.systems.sins_gps_bd2_cns import federation as federated_master
 from ftcore.systems.sins_gps_bd2_cns import measurements
-from ftcore.systems.sins_gps_bd2_cns.branch import Branch, Examined, Measured
+from ftcore.systems.sins_gps_bd2_cns.branch import Branch, Examined, Measured, Motion
 from ftcore.systems.sins_gps_bd2_cns.federation import FederationState
 from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.imu import Epoch as ImuEpoch
@@ -52,6 +52,8 @@ class NavigatorState:
     Attributes:
         ins: strapdown, leading axes ``(S runs,)``, run-major: protected and, with the redundant IMU, unprotected.
         bias: gyro drift and accelerometer bias that the strapdown subtracts, ``(runs, S, 6)``.
+        learned, reach: of the protected strapdown, by how much what was learned has turned it ``(runs, 3)`` [rad], and
+            how its attitude answers to the data sheet of the gyros ``(runs, 3, 6)``; see :class:`Motion`.
         main, conventional: fault-tolerant filters with IMM and without.
         unprotected: IMM of all aids without any test, ``(runs, 2, ...)``.
         alone: IMMs of one aid each, ``(runs, 3, 2, ...)``.
@@ -61,6 +63,8 @@ class NavigatorState:
 
     ins: InsState
     bias: Array
+    learned: Array
+    reach: Array
     imu: ImuState
     main: Branch
     conventional: Branch
@@ -90,6 +94,10 @@ class Navigator:
         cns = units.to_si(p.aiding.cns, "arcsec")
         self._R = np.square(np.array([*p.aiding.gps, *p.aiding.bd2, cns, cns, cns]))
         self._P0 = self._initial_covariance()
+        self._bias0 = np.zeros((N, N))
+        self._bias0[BIASES, BIASES] = self._P0[BIASES, BIASES]
+        self._gyro_bias = np.linalg.cholesky(self._imu.bias_covariance()[0])
+        self._scale_factor = units.to_si(p.inertial.scale_factor, "ppm")
 
     def initial(self, controls: Controls) -> NavigatorState:
         """Before the first epoch: aligned, everybody trusted."""
@@ -101,6 +109,8 @@ class Navigator:
         return NavigatorState(
             ins=InsState(*(np.repeat(v, S, axis=0) for v in (a.lla, a.v_n, a.C_nb))),
             bias=np.zeros((runs, S, 6)),
+            learned=np.zeros((runs, 3)),
+            reach=np.zeros((runs, 3, 6)),
             imu=self._imu.initial(),
             main=fault_tolerant.start(x, P, self._mu),
             conventional=fault_tolerant.start(x, P, np.ones(1)),
@@ -117,7 +127,8 @@ class Navigator:
         settings: Settings = controls.settings
         rules = supervisor.Rules(settings.confirm, settings.within, 1, settings.hold_off)
         imu_state, imu = self._imu.step(state.imu, readings, settings, rules)
-        ins, Phi, Q = self._fly(state.ins, state.bias, imu)
+        ins, interval, Phi, Q = self._fly(state.ins, state.bias, imu)
+        state = self._turned(state, imu, interval)
         state = _master_changed(state, settings)
         if imu.redundant is not None and imu.redundant.changed.any():
             state = _widened(state, _bias_jump(imu.redundant))
@@ -126,8 +137,11 @@ class Navigator:
 
         measured = self._measure(ins, readings, controls)
         m, m_u = measured[0], measured[-1]
-        main, examined = fault_tolerant.examine(main, m, settings, True, settings.recovery != "none")
-        conventional, plain = fault_tolerant.examine(conventional, m, settings, False, settings.recovery == "both")
+        motion = Motion(_raw(state, m), state.reach, self._bias0)
+        main, examined = fault_tolerant.examine(main, m, motion, settings, True, settings.recovery != "none")
+        conventional, plain = fault_tolerant.examine(
+            conventional, m, motion, settings, False, settings.recovery == "both"
+        )
         conventional, plain_fusion = fault_tolerant.fuse(conventional, plain, plain.beta, settings)
         unprotected = imm.update(unprotected, m_u.y, m_u.H, m_u.R, m_u.valid)[0]
         alone = self._update_alone(alone, m)
@@ -156,6 +170,8 @@ class Navigator:
         after = NavigatorState(
             ins,
             state.bias * math.exp(-EPOCH / self._p.models.bias_time),
+            state.learned,
+            state.reach,
             imu_state,
             main,
             conventional,
@@ -179,7 +195,7 @@ class Navigator:
 
     # ---- parts of an epoch ----------------------------------------------------------------------------------------
 
-    def _fly(self, ins: InsState, bias: Array, imu: ImuEpoch) -> tuple[InsState, Array, Array]:
+    def _fly(self, ins: InsState, bias: Array, imu: ImuEpoch) -> tuple[InsState, Interval, Array, Array]:
         """The strapdowns over one epoch; Phi ``(runs, S, 15, 15)``, Q ``(runs, S, 2, 15, 15)`` of both models."""
         runs, S, samples = imu.omega_b.shape[:3]
         m = self._p.models
@@ -191,7 +207,15 @@ class Navigator:
         Phi = ins_error.transition(F, EPOCH)
         Q = ins_error.process_noise(F, self._density(interval, imu.noise), EPOCH)
         shape = (runs, S, N, N)
-        return ins, Phi.reshape(shape), Q.reshape(shape)[:, :, None] * self._scale[:, None, None]
+        return ins, interval, Phi.reshape(shape), Q.reshape(shape)[:, :, None] * self._scale[:, None, None]
+
+    def _turned(self, state: NavigatorState, imu: ImuEpoch, interval: Interval) -> NavigatorState:
+        """What the epoch adds to the difference between the strapdown and the raw motion, and to its reach."""
+        C_nb = interval.C_nb.reshape(self._runs, -1, 3, 3)[:, 0] * EPOCH
+        omega_b = imu.omega_b[:, 0].mean(axis=1)
+        step = np.concatenate([C_nb @ self._gyro_bias, C_nb * (self._scale_factor * omega_b)[:, None]], axis=-1)
+        learned = state.learned + np.matvec(C_nb, state.bias[:, 0, :3])
+        return replace(state, learned=learned, reach=state.reach + step)
 
     def _density(self, interval: Interval, body: Array) -> Array:
         """Spectral density ``(runs S, 15, 15)`` of Q_small: white noise of the IMU, and what drives its biases."""
@@ -263,6 +287,7 @@ class Navigator:
             state,
             ins=ins,
             bias=state.bias + both[..., BIASES],
+            learned=state.learned + dx[:, ins_error.ATTITUDE],
             main=fault_tolerant.feed_back(state.main, dx),
             conventional=fault_tolerant.feed_back(state.conventional, dx),
             unprotected=imm.shift(state.unprotected, unprotected),
@@ -343,6 +368,14 @@ class Navigator:
         )
 
 
+def _raw(state: NavigatorState, m: Measured) -> Array:
+    """The raw inertial attitude against the star tracker, ``(runs, 3)``; see :class:`Motion`."""
+    rows = fault_tolerant.LAYOUT.slices[fault_tolerant.STARS]
+    turn = np.linalg.solve(m.H[:, rows, ins_error.ATTITUDE], m.y[:, rows, None])[..., 0]
+    seen = m.valid[:, rows].all(axis=-1, keepdims=True)
+    return np.where(seen, turn + state.learned, np.nan)
+
+
 def _master_changed(state: NavigatorState, settings: Settings) -> NavigatorState:
     """Hand the estimate over where the operator has chosen another master."""
     if settings.master == "federated" and state.federation is None:
@@ -380,9 +413,8 @@ def _widened(state: NavigatorState, jump: Array) -> NavigatorState:
 
 def _notices(examined: Examined, imu: ImuEpoch) -> list[Notice]:
     notices = []
-    rescued = np.asarray(examined.believed.any(axis=-1))
-    if rescued.any():
-        notices.append(Notice("filter.reset", "propagators", rescued, {}))
+    if examined.rescued.any():
+        notices.append(Notice("filter.reset", "propagators", examined.rescued, {}))
     if imu.redundant is not None and imu.redundant.changed.any():
         numbers = {
             f"{name}s_used": imu.redundant.used[:, c].sum(axis=-1).astype(float) for c, name in enumerate(CLUSTERS)

@@ -36,10 +36,14 @@ from ftcore.detection.chi_square import threshold
 from ftcore.detection.result import Array, Ints, Mask
 from ftcore.estimation import kalman
 
+Anchors = tuple[Array, Array, Array]
+
 WINDOW = 20
 """Epochs of steadiness that it takes."""
 MEMORY = 10
-"""Epochs over which trust is averaged: trusted is who is believed by half or more."""
+"""Epochs that say how it stands: rejected or trusted is who was so in `MOST` of them; between them it is doubted."""
+MOST = 0.8
+"""Share of epochs."""
 STANDING = 150
 """Epochs of trust without a break that make good standing."""
 HEARING = 10
@@ -65,6 +69,8 @@ class Coast:
     """`raw` at two moments of trust, the older one first, (runs, 2, rows)."""
     anchor_reach: Array
     """`reach` then, (runs, 2, rows, k)."""
+    learned: Array
+    """What the filters had learned then, (runs, 2, l)."""
     anchored: Ints
     """Epochs of trust since the newer of them, (runs,)."""
     jumps: Ints
@@ -77,8 +83,14 @@ class Coast:
     """Epochs for which it is still to be believed, (runs,)."""
 
 
-def start(runs: int, rows: int, k: int) -> Coast:
-    """Nothing seen yet, in good standing. `k`: parameters of the data sheet."""
+def moved(state: Coast) -> Mask:
+    """Where the subsystem has parted by a jump out of good standing and has not jumped since, (runs,); forgotten after
+    `STANDING` epochs, lest the end of a fault that nobody noticed bars it for ever."""
+    return np.asarray((state.jumps == 1) & (state.steady < STANDING))
+
+
+def start(runs: int, rows: int, k: int, learned: int) -> Coast:
+    """Nothing seen yet, in good standing. `k`: parameters of the data sheet; `learned`: of what the filters learn."""
     none = np.zeros(runs, dtype=np.int64)
     return Coast(
         raw=np.full((runs, WINDOW, rows), np.nan),
@@ -86,6 +98,7 @@ def start(runs: int, rows: int, k: int) -> Coast:
         trust=np.ones((runs, MEMORY)),
         anchor=np.full((runs, 2, rows), np.nan),
         anchor_reach=np.zeros((runs, 2, rows, k)),
+        learned=np.zeros((runs, 2, learned)),
         anchored=none,
         jumps=none,
         steady=none,
@@ -94,13 +107,15 @@ def start(runs: int, rows: int, k: int) -> Coast:
     )
 
 
-def coast(state: Coast, raw: Array, reach: Array, variance: float, beta: Array) -> tuple[Coast, Mask, Mask]:
+def coast(
+    state: Coast, raw: Array, reach: Array, variance: float, beta: Array, learned: Array
+) -> tuple[Coast, Mask, Mask]:
     """One epoch on; returns where the subsystem is to be believed against the reference, (runs,), and where just now
     it began to be.
 
     raw (runs, rows): what the raw inertial motion says, less the reading; NaN without a reading. reach (runs, rows, k):
     its sensitivity, both counted from any origin. variance: of a row's white noise. beta (runs,): validity by the
-    test against the reference.
+    test against the reference. learned (runs, l): what the filters have learned of the unit, to be looked up later.
     """
     rows = raw.shape[-1]
     seen = ~np.isnan(raw).any(axis=-1)
@@ -110,7 +125,7 @@ def coast(state: Coast, raw: Array, reach: Array, variance: float, beta: Array) 
     jumped = _norm(step, spread) > threshold(P_JUMP, rows)
 
     trust = np.concatenate([state.trust[:, 1:], beta[:, None]], axis=1)
-    rejected = trust.mean(axis=1) < 0.5
+    rejected = np.equal(trust, 0.0).mean(axis=1) >= MOST
     blamed = np.where(state.trusted >= STANDING, 1, 2)
     jumps = np.where(jumped, state.jumps + blamed, state.jumps)
     steady = np.where(seen & ~jumped, state.steady + 1, 0)
@@ -128,23 +143,21 @@ def coast(state: Coast, raw: Array, reach: Array, variance: float, beta: Array) 
 
     # Who is heard has to earn trust anew; the jump of a sound one that is rejected just now is remembered.
     trusted = np.where(rejected | believed, 0, state.trusted + 1)
-    forgotten = ~rejected & ~jumped & (beta >= 1.0)
+    forgotten = ~jumped & (beta >= 1.0) & (trust.mean(axis=1) >= MOST)
     anchored = state.anchored + forgotten
     first = np.asarray(np.isnan(state.anchor).any(axis=(-1, -2)) & seen)
     drop = np.asarray((anchored >= STANDING) & forgotten & seen | first)
-    anchor, anchor_reach = state.anchor, state.anchor_reach
+    anchors = state.anchor, state.anchor_reach, state.learned
     if drop.any():
-        older = np.where(first[:, None], raw, anchor[:, 1])
-        older_reach = np.where(first[:, None, None], reach, anchor_reach[:, 1])
-        anchor = np.where(drop[:, None, None], np.stack([older, raw], axis=1), anchor)
-        anchor_reach = np.where(drop[:, None, None, None], np.stack([older_reach, reach], axis=1), anchor_reach)
+        anchors = _dropped(anchors, (raw, reach, learned), drop, first)
     after = replace(
         state,
         raw=windows,
         reach=reaches,
         trust=trust,
-        anchor=anchor,
-        anchor_reach=anchor_reach,
+        anchor=anchors[0],
+        anchor_reach=anchors[1],
+        learned=anchors[2],
         anchored=np.where(drop, 0, anchored),
         jumps=np.where(forgotten | heard, 0, jumps),
         steady=steady,
@@ -152,6 +165,18 @@ def coast(state: Coast, raw: Array, reach: Array, variance: float, beta: Array) 
         hearing=np.maximum(hearing - 1, 0),
     )
     return after, np.asarray(believed), heard
+
+
+def _dropped(anchors: Anchors, now: Anchors, where: Mask, first: Mask) -> Anchors:
+    """The newer anchor becomes the older one, and `now` the newer; both are `now` the first time."""
+
+    def dropped(old: Array, new: Array) -> Array:
+        shape = (-1, *(1,) * (new.ndim - 1))
+        moved = np.stack([np.where(first.reshape(shape), new, old[:, 1]), new], axis=1)
+        return np.where(where.reshape(*shape, 1), moved, old)
+
+    anchor, reach, learned = (dropped(old, new) for old, new in zip(anchors, now, strict=True))
+    return anchor, reach, learned
 
 
 def _moves_alike(raw: Array, reach: Array, variance: float) -> Mask:

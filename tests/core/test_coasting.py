@@ -31,10 +31,10 @@ def flight(epochs, turning, seed=0, runs=RUNS):
 def heard(raw, reach, beta):
     """Where the subsystem is believed, (epochs, runs); beta (epochs,) or (epochs, runs)."""
     beta = np.broadcast_to(np.reshape(beta, (len(raw), -1)), raw.shape[:2])
-    state = coasting.start(raw.shape[1], 3, 6)
+    state = coasting.start(raw.shape[1], 3, 6, 1)
     said = []
     for k in range(len(raw)):
-        state, believed, _ = coasting.coast(state, raw[k], reach[k], SIGMA**2, beta[k])
+        state, believed, _ = coasting.coast(state, raw[k], reach[k], SIGMA**2, beta[k], np.full((raw.shape[1], 1), k))
         said.append(believed)
     return np.array(said)
 

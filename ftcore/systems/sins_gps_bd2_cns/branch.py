@@ -15,10 +15,8 @@ from ftcore.detection.chi_square import Propagators
 from ftcore.detection.coasting import Coast
 from ftcore.detection.propagators import SubsystemTests
 from ftcore.detection.recovery import Standoff
-from ftcore.earth import STANDARD_GRAVITY
-from ftcore.estimation import imm, tolerant_fusion
+from ftcore.estimation import imm, ins_error, tolerant_fusion
 from ftcore.estimation.imm import Mixture
-from ftcore.estimation.ins_error import ACCELEROMETER
 from ftcore.estimation.tolerant_fusion import Drives, Fusion, Layout, SubsetUpdates
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_bd2_cns.forms import Settings
@@ -71,12 +69,12 @@ class Motion:
             origin; NaN without a reading.
         reach: its sensitivity ``(runs, 3, 6)`` to the biases and scale factors of the gyros, each in units of its
             1-sigma on the data sheet.
-        start: covariance ``(15, 15)`` of the biases at the start of the flight, zero elsewhere.
+        bias: what the strapdown takes off ``(runs, 6)``, as learned so far.
     """
 
     raw: Array
     reach: Array
-    start: Array
+    bias: Array
 
 
 @dataclass(frozen=True)
@@ -89,6 +87,7 @@ class Examined:
         driving: the one of them that weighs the aids.
         believed: ``(runs, 3)`` rejected aids that are believed against the reference.
         rescued: ``(runs,)`` where that began in this epoch.
+        moved: ``(runs, 3)`` aids that have jumped away, whatever a reference that has grown wide says of them.
         beta: ``(runs, 3)`` validity of each aid, (15).
         updates: the filter's updates with every subset of the aids.
     """
@@ -98,6 +97,7 @@ class Examined:
     driving: SubsystemTests
     believed: Flags
     rescued: Flags
+    moved: Flags
     beta: Array
     updates: SubsetUpdates
 
@@ -109,7 +109,7 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
         imm.start(x, P, mu),
         chi_square.start_propagators(x, P),
         recovery.start_standoff(runs, LAYOUT),
-        coasting.start(runs, LAYOUT.sizes[STARS], 2 * LAYOUT.sizes[STARS]),
+        coasting.start(runs, LAYOUT.sizes[STARS], 2 * LAYOUT.sizes[STARS], 6),
         np.zeros((runs, 2)),
         np.broadcast_to(np.log(mu), (runs, len(mu))),
         np.broadcast_to(np.log(mu), (runs, 2, len(mu))),
@@ -145,39 +145,47 @@ def examine(
     driving = state if by_state and state is not None else innovation
     beta = driving.present.astype(float)
     fresh = believed = np.zeros(driving.beta.shape, dtype=bool)
+    moved = np.zeros(driving.beta.shape, dtype=bool)
     if settings.driving_test != "none":
         beta = driving.beta
     if settings.driving_test != "none" and recovers:
         branch, believed, fresh = _recover(branch, m, motion, driving.beta)
         beta = np.where(believed, 1.0, beta)
+        moved[:, STARS] = coasting.moved(branch.coast)
     if fresh.any():
         prior = recovery.widen(branch.mixture, m.y, m.H, LAYOUT, fresh)
-        prior = _forgotten(prior, branch.mixture, m, motion, fresh[:, STARS])
+        prior = _forgotten(prior, _learned(branch.mixture, motion) - branch.coast.learned[:, 0], fresh[:, STARS])
         updates = tolerant_fusion.subset_updates(prior, m.y, m.H, m.R, LAYOUT, m.valid)
     rescued = np.asarray(fresh.any(axis=-1))
-    return branch, Examined(innovation, state, driving, believed, rescued, beta, updates)
+    return branch, Examined(innovation, state, driving, believed, rescued, moved, beta, updates)
 
 
 def _recover(branch: Branch, m: Measured, motion: Motion, beta: Array) -> tuple[Branch, Flags, Flags]:
     """Which aids are believed against the reference, and which since just now, ``(runs, 3)``."""
     watch, fresh = recovery.stand_off(branch.watch, m.y, m.R, beta, LAYOUT, m.valid)
     variance = float(m.R[LAYOUT.slices[STARS]].mean())
-    coast, heard, begins = coasting.coast(branch.coast, motion.raw, motion.reach, variance, beta[:, STARS])
+    coast, heard, begins = coasting.coast(
+        branch.coast, motion.raw, motion.reach, variance, beta[:, STARS], _learned(branch.mixture, motion)
+    )
     believed = fresh.copy()
     fresh[:, STARS], believed[:, STARS] = begins, heard
     return replace(branch, watch=watch, coast=coast), believed, fresh
 
 
-def _forgotten(prior: Mixture, before: Mixture, m: Measured, motion: Motion, where: Flags) -> Mixture:
-    """The biases, uncertain again as at the start where the attitude is found to be wrong by r, and the accelerometers'
-    by g r besides: a filter with a tilt takes gravity for a bias."""
+def _learned(mixture: Mixture, motion: Motion) -> Array:
+    """Biases of gyros and accelerometers as learned so far, ``(runs, 6)``."""
+    return np.asarray(motion.bias + np.vecmat(mixture.mu, mixture.x)[:, ins_error.GYRO.start :])
+
+
+def _forgotten(prior: Mixture, learned: Array, where: Flags) -> Mixture:
+    """Biases made as uncertain as they have changed, by ``learned (runs, 6)``, where the attitude is found to have been
+    wrong: a filter with a tilt takes gravity for a bias."""
     if not where.any():
         return prior
-    rows = LAYOUT.slices[STARS]
-    r = m.y[:, None, rows] - np.matvec(m.H[:, None, rows], before.x)
-    tilted = STANDARD_GRAVITY**2 * np.square(r).mean(axis=-1)[..., None, None] * np.eye(3)
-    P = prior.P + np.where(where[:, None, None, None], motion.start, 0.0)
-    P[..., ACCELEROMETER, ACCELEROMETER] += np.where(where[:, None, None, None], tilted, 0.0)
+    P = prior.P.copy()
+    for cluster, kind in ((ins_error.GYRO, slice(0, 3)), (ins_error.ACCELEROMETER, slice(3, 6))):
+        variance = np.where(where, np.square(learned[:, kind]).mean(axis=-1), 0.0)
+        P[..., cluster, cluster] += variance[:, None, None, None] * np.eye(3)
     return replace(prior, P=P)
 
 

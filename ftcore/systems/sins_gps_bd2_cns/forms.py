@@ -169,7 +169,8 @@ class Settings(Supervised):
         default="weights",
         title="Exclusion",
         description="weights: q of each second alone weighs an aid (002), so a faulty one slips in now and then; "
-        "isolation: one that the supervisor has isolated has no weight until it is readmitted",
+        "isolation: one that the supervisor has isolated has no weight until it is readmitted, and a star tracker that "
+        "jumped away is not before it has jumped back, or for two and a half minutes",
     )
     confirm: int = CONFIRM
     within: int = WITHIN
@@ -177,9 +178,9 @@ class Settings(Supervised):
     recovery: Literal["fused", "both", "none"] = Field(
         default="fused",
         title="Recovery",
-        description="GPS and BD2 are believed again when both are rejected but agree with each other: then the "
-        "reference is wrong. 002 has no way out of a wrong reference; fused: only the filter with IMM has one, both: "
-        "the one without IMM too",
+        description="GPS and BD2 are believed again when both are rejected but agree with each other, CNS when it "
+        "moves as the data sheet of the gyros allows and did not jump away: then the reference is wrong. 002 has no "
+        "way out of a wrong reference; fused: only the filter with IMM has one, both: the one without IMM too",
     )
     propagator_models: Literal["filter", "own"] = Field(
         default="filter",

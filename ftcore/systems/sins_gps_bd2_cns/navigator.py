@@ -94,8 +94,6 @@ class Navigator:
         cns = units.to_si(p.aiding.cns, "arcsec")
         self._R = np.square(np.array([*p.aiding.gps, *p.aiding.bd2, cns, cns, cns]))
         self._P0 = self._initial_covariance()
-        self._bias0 = np.zeros((N, N))
-        self._bias0[BIASES, BIASES] = self._P0[BIASES, BIASES]
         self._gyro_bias = np.linalg.cholesky(self._imu.bias_covariance()[0])
         self._scale_factor = units.to_si(p.inertial.scale_factor, "ppm")
 
@@ -137,7 +135,7 @@ class Navigator:
 
         measured = self._measure(ins, readings, controls)
         m, m_u = measured[0], measured[-1]
-        motion = Motion(_raw(state, m), state.reach, self._bias0)
+        motion = Motion(_raw(state, m), state.reach, state.bias[:, 0])
         main, examined = fault_tolerant.examine(main, m, motion, settings, True, settings.recovery != "none")
         conventional, plain = fault_tolerant.examine(
             conventional, m, motion, settings, False, settings.recovery == "both"
@@ -274,7 +272,7 @@ class Navigator:
         driving = examined.driving
         alarm = driving.alarm & ~examined.believed & (controls.settings.driving_test != "none")
         enabled = np.array([[controls.enabled[name] for name in AIDS]])
-        after, decision = supervisor.step(state, alarm, driving.present & ~alarm, enabled, rules)
+        after, decision = supervisor.step(state, alarm, driving.present & ~alarm & ~examined.moved, enabled, rules)
         return decision, after
 
     def _correct(self, state: NavigatorState, dx: Array) -> NavigatorState:

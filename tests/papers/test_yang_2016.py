@@ -155,17 +155,17 @@ def test_figure_14_all_three_aids_have_nearly_all_weight_before_20_minutes():
 
 
 def test_figure_14_the_sins_flies_alone_while_all_three_fail():
-    """46 to 48 min. The paper: always; here most of the time, for 20 arcsec is within a few sigma of what gyros of
-    Table 1 leave after a minute."""
+    """46 to 48 min. The paper: always. BD2 reads 8 m sin(0.02 (t - 2400)) too much: less than one sigma from 2850 s on,
+    nothing at 2871 s. From then on who believes BD2 is right, so the claim is for the time before."""
     sim = visible()
-    alone = between(sim, "weight.sins", 2762.0, 2879.0)
+    alone, later = between(sim, "weight.sins", 2762.0, 2850.0), between(sim, "weight.sins", 2850.0, 2879.0)
     others = {
-        s: between(sim, f"weight.{s}", 2762.0, 2879.0).mean() for s in ("gps", "bd2", "cns", "gps-bd2", "gps-bd2-cns")
+        s: between(sim, f"weight.{s}", 2762.0, 2850.0).mean() for s in ("gps", "bd2", "cns", "gps-bd2", "gps-bd2-cns")
     }
     before = between(sim, "weight.sins", 30.0, 1199.0).mean()
-    print(f"SINS alone: {alone.mean():.2f}; others {others}; before {before:.4f}")
-    assert alone.mean() > 0.5
-    assert max(others.values()) < 0.5 * alone.mean()
+    print(f"SINS alone: {alone.mean():.2f}, then {later.mean():.2f}; others {others}; before {before:.4f}")
+    assert alone.mean() > 0.8
+    assert max(others.values()) < 0.1
     assert before < 0.01
 
 

@@ -4,8 +4,8 @@ A hundred random schedules, each a flight of its own under high manoeuvre, where
 to three aids, each with a fault of a random kind, size, onset and length, so that they overlap or follow one another.
 A batch shares its faults, so every schedule is a single run with the noise and the sensors of its own seed.
 
-Measured over the hundred: GPS is back after 18 s at most, BD2 after 22 s, the star tracker later than a minute in
-three; the fused position is never further off than 4.7 m from a minute after the last fault on.
+Measured over the hundred: GPS is back after 17 s at most, BD2 after 22 s, the star tracker after 35 s; the fused
+position is never further off than 4.5 m from a minute after the last fault on.
 
 An aid is back when ten seconds begin in which it is believed by half or more on average. Chance keeps a sound aid out
 of that with a probability far below 1e-6: its validity is below one in a tenth of the epochs, and zero in a hundredth.
@@ -108,8 +108,8 @@ def test_given_random_faults_ended_then_everybody_is_back_within_a_minute():
 
 @pytest.mark.long
 @pytest.mark.timeout(1500)
-def test_given_any_of_100_schedules_ended_then_gps_and_bd2_are_back_within_a_minute():
-    assert not late(range(SCHEDULES), ("gps", "bd2"))
+def test_given_any_of_100_schedules_ended_then_everybody_is_back_within_a_minute():
+    assert not late(range(SCHEDULES), tuple(AIDS))
 
 
 @pytest.mark.long
@@ -117,20 +117,3 @@ def test_given_any_of_100_schedules_ended_then_gps_and_bd2_are_back_within_a_min
 def test_given_any_of_100_schedules_ended_then_the_fused_position_is_good_a_minute_later():
     """Sound aids fused are good to half a metre; 6 m is two standard deviations of one fix."""
     assert max(flown(k).error for k in range(SCHEDULES)) < 6.0
-
-
-@pytest.mark.long
-@pytest.mark.timeout(1500)
-@pytest.mark.xfail(
-    reason="3 of 100 measured: nobody can vouch for the star tracker, so after a fault of 70 arcsec and more, or a "
-    "long turn that leaves the gyro biases wrong, only process noise widens the reference for it, in minutes",
-    strict=False,
-)
-def test_given_any_of_100_schedules_ended_then_the_star_tracker_is_back_within_a_minute():
-    assert not late(range(SCHEDULES), ("cns",))
-
-
-@pytest.mark.long
-@pytest.mark.timeout(1500)
-def test_given_any_of_100_schedules_ended_then_the_star_tracker_is_back_within_a_minute_in_95_of_them():
-    assert len(late(range(SCHEDULES), ("cns",))) <= SCHEDULES - 95

@@ -115,6 +115,8 @@ def combine(mixture: Mixture) -> tuple[Array, Array]:
 
     Source: (9)-(11).
     """
+    if mixture.log_mu.shape[-1] == 1:
+        return mixture.x[..., 0, :], mixture.P[..., 0, :, :]
     x, P = _moments(mixture.x[..., None, :, :], mixture.P, mixture.mu[..., None, :])
     return np.asarray(x[..., 0, :]), np.asarray(P[..., 0, :, :])
 
@@ -141,13 +143,14 @@ def update(mixture: Mixture, y: Array, H: Array, R: Array, valid: Mask | None = 
     return Mixture(u.x, u.P, reweigh(mixture.log_mu, u.log_likelihood)), u
 
 
-def reweigh(log_mu: Array, log_likelihood: Array) -> Array:
+def reweigh(log_mu: Array, log_likelihood: Array, axis: int = -1) -> Array:
     """Bayes' rule for the mode probabilities, all in logarithms: mu_j = c_j Lambda_j / sum_i c_i Lambda_i, (..., M).
 
-    `log_mu`: the predicted probabilities, `log_likelihood` (..., M). Source: the model probability update of 3.1.
+    `log_mu`: the predicted probabilities, `log_likelihood` (..., M). `axis`: where the models stand, if not last.
+    Source: the model probability update of 3.1.
     """
-    joint = log_mu + (log_likelihood - log_likelihood.max(axis=-1, keepdims=True))
-    return np.asarray(joint - np.logaddexp.reduce(joint, axis=-1)[..., None])
+    joint = log_mu + (log_likelihood - log_likelihood.max(axis=axis, keepdims=True))
+    return np.asarray(joint - np.logaddexp.reduce(joint, axis=axis, keepdims=True))
 
 
 def shift(mixture: Mixture, dx: Array) -> Mixture:

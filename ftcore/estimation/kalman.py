@@ -113,7 +113,7 @@ def update(x: Array, P: Array, y: Array, H: Array, R: Array, valid: Mask | None 
     W = inn.whitener @ HP
     if joseph:
         K = W.swapaxes(-1, -2) @ inn.whitener
-        I_KH = _eye(P.shape[-1]) - K @ H
+        I_KH = identity(P.shape[-1]) - K @ H
         P_new = symmetric(I_KH @ P @ _transposed(I_KH) + K @ R @ _transposed(K))
     else:
         lost = W.swapaxes(-1, -2) @ W  # NumPy sees a matrix and its own transpose: symmetric to the bit
@@ -168,6 +168,14 @@ def symmetric(A: Array) -> Array:
     return S
 
 
+@lru_cache(maxsize=64)
+def identity(n: int) -> Array:
+    """The unit matrix, (n, n), read only: made once."""
+    eye = np.eye(n)
+    eye.flags.writeable = False
+    return eye
+
+
 def cholesky(A: Array) -> Array:
     """Lower triangular L with L L' = A, (..., n, n); LinAlgError names the places that are not positive definite."""
     try:
@@ -215,9 +223,9 @@ def _innovation(
     if valid is not None:
         y = np.where(valid, y, 0.0)
         H = np.where(valid[..., None], H, 0.0)
-        R = np.where(valid[..., :, None] & valid[..., None, :], R, _eye(m)) if full else np.where(valid, R, 1.0)
+        R = np.where(valid[..., :, None] & valid[..., None, :], R, identity(m)) if full else np.where(valid, R, 1.0)
     if not full:
-        R = R[..., None] * _eye(m)
+        R = R[..., None] * identity(m)
     HP = H @ P
     S = HP @ _transposed(H) + R
     whitener = triangular_inverse(cholesky(S))
@@ -264,10 +272,3 @@ def _substitute(L: Array, inverse: Array) -> None:
             for between in range(j + 1, i):
                 total += L[..., i, between] * inverse[..., between, j]
             np.multiply(total, -diagonal, out=inverse[..., i, j])
-
-
-@lru_cache(maxsize=64)
-def _eye(n: int) -> Array:
-    identity = np.eye(n)
-    identity.flags.writeable = False
-    return identity

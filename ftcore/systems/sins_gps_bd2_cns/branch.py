@@ -90,17 +90,6 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
     )
 
 
-def predict(branch: Branch, Phi: Array, Q: Array, transition: Array, own: bool) -> Branch:
-    """Carry everything over one epoch with Phi ``(runs, 15, 15)`` and Q ``(runs, models, 15, 15)``.
-
-    ``own``: the propagators' noise is by their own model probabilities, not by the filter's of the moment.
-    """
-    prior = imm.predict(branch.mixture, Phi, Q, transition)
-    drifting = imm.predicted_probabilities(branch.drifting, transition)
-    pair = propagators.carry(branch.pair, Phi, Q, np.exp(drifting) if own else prior.mu)
-    return replace(branch, mixture=prior, pair=pair, age=branch.age + 1.0, drifting=drifting)
-
-
 def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool, recovers: bool) -> tuple[Branch, Examined]:
     """Test every aid against the reference.
 

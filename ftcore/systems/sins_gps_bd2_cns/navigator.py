@@ -24,9 +24,9 @@ from ftcore.estimation.imm import Mixture
 from ftcore.estimation.strapdown import InsState, Interval, propagate
 from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Flags, Notice, Output
+from ftcore.systems.sins_gps_bd2_cns import bank, measurements
 from ftcore.systems.sins_gps_bd2_cns import branch as fault_tolerant
 from ftcore.systems.sins_gps_bd2_cns import federation as federated_master
-from ftcore.systems.sins_gps_bd2_cns import measurements
 from ftcore.systems.sins_gps_bd2_cns.branch import Branch, Examined, Measured
 from ftcore.systems.sins_gps_bd2_cns.federation import FederationState
 from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
@@ -41,8 +41,6 @@ Array = NDArray[np.float64]
 N = ins_error.CORE_STATES
 BIASES = slice(9, 15)
 DECAYING = np.arange(9, 15)
-WITHOUT_IMM = np.ones((1, 1))
-"""The transition matrix of a filter with one model."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,10 @@ class Navigator:
         state = _master_changed(state, settings)
         if imu.redundant is not None and imu.redundant.changed.any():
             state = _widened(state, _bias_jump(imu.redundant))
-        main, conventional, unprotected, alone = self._predict(state, Phi, Q, settings.propagator_models == "own")
+        own = settings.propagator_models == "own"
+        main, conventional, unprotected, alone = bank.predict(
+            state.main, state.conventional, state.unprotected, state.alone, Phi, Q, self._transition, own
+        )
         probabilities = main.mixture.mu
 
         measured = self._measure(ins, readings, controls)
@@ -209,18 +210,6 @@ class Navigator:
         Qc[:, ins_error.GYRO, ins_error.GYRO] = walk[0]
         Qc[:, ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] = walk[1]
         return Qc
-
-    def _predict(
-        self, state: NavigatorState, Phi: Array, Q: Array, own: bool
-    ) -> tuple[Branch, Branch, Mixture, Mixture]:
-        """All filters, one epoch on."""
-        one, Q_one = Phi[:, 0], Q[:, 0]
-        return (
-            fault_tolerant.predict(state.main, one, Q_one, self._transition, own),
-            fault_tolerant.predict(state.conventional, one, Q_one[:, :1], WITHOUT_IMM, own),
-            imm.predict(state.unprotected, Phi[:, -1], Q[:, -1], self._transition),
-            imm.predict(state.alone, one[:, None], Q_one[:, None], self._transition),
-        )
 
     def _measure(self, ins: InsState, readings: Readings, controls: Controls) -> list[Measured]:
         """All aids against each strapdown."""

@@ -5,6 +5,7 @@ The system flies two of them on the same measurements: with the IMM, and without
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,15 +91,34 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
     )
 
 
-def examine(branch: Branch, m: Measured, settings: Settings, shadows: bool, recovers: bool) -> tuple[Branch, Examined]:
+def compare(branches: Sequence[Branch], m: Measured, settings: Settings) -> list[tuple[SubsystemTests, SubsetUpdates]]:
+    """The innovation form's tests, and the updates with every subset of the aids, of several filters at once."""
+    references = [branch.pair.estimate() for branch in branches]
+    mixtures = [branch.mixture for branch in branches]
+    x = np.concatenate([*(mixture.x for mixture in mixtures), *(x[:, None] for x, _ in references)], axis=1)
+    P = np.concatenate([*(mixture.P for mixture in mixtures), *(P[:, None] for _, P in references)], axis=1)
+    residuals = tolerant_fusion.residuals(x, P, m.y, m.H, m.R, LAYOUT, m.valid)
+    first = x.shape[1] - len(branches)
+    updates = tolerant_fusion.updates_of(mixtures, residuals.of(slice(0, first)))
+    bounds = settings.doubt_probability, settings.false_alarm_probability
+    return [(propagators.judge(residuals, first + i, *bounds), u) for i, u in enumerate(updates)]
+
+
+def examine(
+    branch: Branch,
+    compared: tuple[SubsystemTests, SubsetUpdates],
+    m: Measured,
+    settings: Settings,
+    shadows: bool,
+    recovers: bool,
+) -> tuple[Branch, Examined]:
     """Test every aid against the reference.
 
-    ``shadows``: make the state form too where it does not drive. ``recovers``: whether GPS and BD2 may be believed
-    against the reference.
+    ``compared``: what `compare` says of this filter. ``shadows``: make the state form too where it does not drive.
+    ``recovers``: whether GPS and BD2 may be believed against the reference.
     """
     bounds = settings.doubt_probability, settings.false_alarm_probability
-    innovation = propagators.innovation_tests(branch.pair, m.y, m.H, m.R, LAYOUT, m.valid, *bounds)
-    updates = tolerant_fusion.subset_updates(branch.mixture, m.y, m.H, m.R, LAYOUT, m.valid)
+    innovation, updates = compared
     by_state = settings.driving_test == "two-propagator-state"
     state = None
     if shadows or by_state:

@@ -127,8 +127,11 @@ class Navigator:
 
         measured = self._measure(ins, readings, controls)
         m, m_u = measured[0], measured[-1]
-        main, examined = fault_tolerant.examine(main, m, settings, True, settings.recovery != "none")
-        conventional, plain = fault_tolerant.examine(conventional, m, settings, False, settings.recovery == "both")
+        of_main, of_conventional = fault_tolerant.compare([main, conventional], m, settings)
+        main, examined = fault_tolerant.examine(main, of_main, m, settings, True, settings.recovery != "none")
+        conventional, plain = fault_tolerant.examine(
+            conventional, of_conventional, m, settings, False, settings.recovery == "both"
+        )
         conventional, plain_fusion = fault_tolerant.fuse(conventional, plain, plain.beta, settings)
         unprotected = imm.update(unprotected, m_u.y, m_u.H, m_u.R, m_u.valid)[0]
         alone = self._update_alone(alone, m)

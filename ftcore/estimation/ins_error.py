@@ -355,6 +355,10 @@ def navigation_error(indicated: InsState, true: InsState) -> Array:
     r_m, r_n = earth.principal_radii(lat)
     d = indicated.lla - true.lla
     d_lon = d[..., 1] - 2.0 * np.pi * np.round(d[..., 1] / (2.0 * np.pi))
-    phi = matrix_to_rotvec(indicated.C_nb @ np.swapaxes(true.C_nb, -1, -2))
-    position = np.stack([d_lon * (r_n + height) * np.cos(lat), d[..., 0] * (r_m + height), d[..., 2]], axis=-1)
-    return np.concatenate([position, indicated.v_n - true.v_n, phi], axis=-1)
+    error = np.empty((*d_lon.shape, 9))
+    error[..., 0] = d_lon * (r_n + height) * np.cos(lat)
+    error[..., 1] = d[..., 0] * (r_m + height)
+    error[..., 2] = d[..., 2]
+    error[..., VELOCITY] = indicated.v_n - true.v_n
+    error[..., ATTITUDE] = matrix_to_rotvec(indicated.C_nb @ np.swapaxes(true.C_nb, -1, -2))
+    return error

@@ -33,7 +33,7 @@ from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.imu import Epoch as ImuEpoch
 from ftcore.systems.sins_gps_bd2_cns.imu import Imu
 from ftcore.systems.sins_gps_bd2_cns.imu import State as ImuState
-from ftcore.systems.sins_gps_bd2_cns.names import AIDS, CLUSTERS, EPOCH
+from ftcore.systems.sins_gps_bd2_cns.names import AID_READINGS, AIDS, CLUSTERS, EPOCH
 from ftcore.systems.sins_gps_bd2_cns.reporter import Detail
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch as RedundantEpoch
 
@@ -216,19 +216,16 @@ class Navigator:
 
     def _measure(self, ins: InsState, readings: Readings, controls: Controls) -> list[Measured]:
         """All aids against each strapdown."""
-        groups = [readings["gps.position"], readings["bd2.position"], readings["cns.attitude"]]
         runs, S = self._runs, self._imu.solutions
-        valid = np.concatenate(
-            [
-                np.broadcast_to(group.valid & controls.enabled[name], (runs, 3))
-                for name, group in zip(AIDS, groups, strict=True)
-            ],
-            axis=-1,
-        )
-        values = [np.repeat(np.nan_to_num(group.values), S, axis=0) for group in groups]
-        y, H = measurements.aids(ins, self._chart, *values)
+        values, valid = np.empty((runs, len(AIDS), 3)), np.empty((runs, len(AIDS), 3), bool)
+        for i, (name, quantity) in enumerate(AID_READINGS.items()):
+            group = readings[quantity]
+            values[:, i] = group.values
+            valid[:, i] = group.valid & controls.enabled[name]
+        values = np.where(np.isnan(values), 0.0, values)
+        y, H = measurements.aids(ins, self._chart, np.repeat(values, S, axis=0))
         y, H = y.reshape(runs, S, 9), H.reshape(runs, S, 9, N)
-        return [Measured(y[:, i], H[:, i], self._R, valid) for i in range(S)]
+        return [Measured(y[:, i], H[:, i], self._R, valid.reshape(runs, 9)) for i in range(S)]
 
     def _update_alone(self, alone: Mixture, m: Measured) -> Mixture:
         rows = (self._runs, len(AIDS), 3)

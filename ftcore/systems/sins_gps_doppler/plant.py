@@ -78,9 +78,7 @@ class Plant:
         now = epoch * EPOCH
         span = slice((epoch - 1) * self.samples, epoch * self.samples)
         end = epoch * self.samples
-        truth = Truth(
-            t.lla[end : end + 1], t.v_n[end : end + 1], self._C_nb[epoch : epoch + 1], t.rpy[end : end + 1]
-        )
+        truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], self._C_nb[epoch : epoch + 1], t.rpy[end : end + 1])
         times = now - EPOCH + self._times
         clock = state.clock.step(EPOCH, p.clock_phase_noise, p.clock_frequency_noise, self._noise, epoch)
         position, velocity = constellation.satellite_states(p.constellation_time + now)

@@ -33,8 +33,6 @@ INS = np.array([0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
 """Which strapdown each estimate belongs to, where there are two: 0 protected, 1 unprotected."""
 MODEL = np.array([0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 0, 0, 0, 0])
 """Which model's noise drives it: 0 small, 1 large."""
-BLOCK = 4
-"""Runs that are carried over together: larger temporaries come fresh from the operating system on every call."""
 
 
 def predict(
@@ -51,26 +49,18 @@ def predict(
 
     ``own``: the propagators' noise is by their own model probabilities, not by the filter's of the moment.
     """
-    log_mu = np.concatenate([main.mixture.log_mu[:, None], unprotected.log_mu[:, None], alone.log_mu], axis=1)
-    drifting = imm.predicted_probabilities(main.drifting, transition)
     all_of_them = (main.mixture, unprotected, alone, conventional.mixture, main.pair, conventional.pair)
     runs, n = len(main.mixture.x), main.mixture.x.shape[-1]
-
-    def carried(part: slice) -> tuple[Array, Array, Array]:
-        x = np.concatenate([a.x[part].reshape(-1, a.x[0].size // n, n) for a in all_of_them], axis=1)
-        P = np.concatenate([a.P[part].reshape(-1, a.x[0].size // n, n, n) for a in all_of_them], axis=1)
-        x_models, P_models = x[:, MIXED].reshape(-1, INTERACTING, MODELS, n), P[:, MIXED]
-        mixed = imm.mix(Mixture(x_models, P_models.reshape(*x_models.shape, n), log_mu[part]), transition)
-        x[:, MIXED], P[:, MIXED] = mixed.x.reshape(x[:, MIXED].shape), mixed.P.reshape(P_models.shape)
-        noise = _noise(Q[part], np.exp(drifting[part] if own else mixed.log_mu[:, :1]))
-        one = Phi.shape[1] == 1
-        return *kalman.predict(x, P, Phi[part] if one else Phi[part][:, INS], noise), mixed.log_mu
-
-    if runs <= BLOCK:
-        x, P, log_mu = carried(slice(None))
-    else:
-        blocks = [carried(slice(start, start + BLOCK)) for start in range(0, runs, BLOCK)]
-        x, P, log_mu = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    x = np.concatenate([a.x.reshape(runs, -1, n) for a in all_of_them], axis=1)
+    P = np.concatenate([a.P.reshape(runs, -1, n, n) for a in all_of_them], axis=1)
+    log_mu = np.concatenate([main.mixture.log_mu[:, None], unprotected.log_mu[:, None], alone.log_mu], axis=1)
+    models = (runs, INTERACTING, MODELS, n)
+    mixed = imm.mix(Mixture(x[:, MIXED].reshape(models), P[:, MIXED].reshape(*models, n), log_mu), transition)
+    x[:, MIXED], P[:, MIXED] = mixed.x.reshape(runs, -1, n), mixed.P.reshape(runs, -1, n, n)
+    drifting = imm.predicted_probabilities(main.drifting, transition)
+    noise = _noise(Q, np.exp(drifting if own else mixed.log_mu[:, :1]))
+    x, P = kalman.predict(x, P, Phi if Phi.shape[1] == 1 else Phi[:, INS], noise)
+    log_mu = mixed.log_mu
     return (
         replace(
             main,

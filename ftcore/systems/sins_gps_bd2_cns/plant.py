@@ -42,7 +42,7 @@ class Plant:
         # At the ends of all epochs; the trajectory has its samples.
         self._C_nb = rpy_to_matrix(self.trajectory.rpy[:: self.samples])
         self._enu = self.chart.to_metres(self.trajectory.lla[:: self.samples])
-        self._times = (np.arange(self.samples) + 0.5) * self.dt
+        self._times: Array = (np.arange(self.samples, dtype=np.float64) + 0.5) * self.dt
         i = p.inertial
         self._fitted = slice(0, len(BODY)) if i.configuration == "three-axis" else slice(len(BODY), len(AXES))
         self._has_reading = np.zeros((1, len(AXES)), bool)
@@ -77,7 +77,7 @@ class Plant:
         end = epoch * self.samples
         rpy = t.rpy[end : end + 1]
         truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], self._C_nb[epoch : epoch + 1], rpy)
-        times = now - EPOCH + self._times
+        times = np.add(now - EPOCH, self._times)
         gyro, accelerometer = self.clusters
         enu = self._enu[epoch : epoch + 1]
         groups = {

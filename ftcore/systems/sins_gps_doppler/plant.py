@@ -41,7 +41,7 @@ class Plant:
         self.samples = max(1, round(p.inertial.rate * EPOCH))
         self.dt = EPOCH / self.samples
         self.trajectory = fly(p.flight, duration, self.dt)
-        self._times = (np.arange(self.samples) + 0.5) * self.dt
+        self._times: Array = (np.arange(self.samples, dtype=np.float64) + 0.5) * self.dt
         self._C_nb = rpy_to_matrix(self.trajectory.rpy[:: self.samples])
         i, a = p.inertial, p.aiding
         self.gyro = AxisCluster.drawn(
@@ -79,7 +79,7 @@ class Plant:
         span = slice((epoch - 1) * self.samples, epoch * self.samples)
         end = epoch * self.samples
         truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], self._C_nb[epoch : epoch + 1], t.rpy[end : end + 1])
-        times = now - EPOCH + self._times
+        times = np.add(now - EPOCH, self._times)
         clock = state.clock.step(EPOCH, p.clock_phase_noise, p.clock_frequency_noise, self._noise, epoch)
         position, velocity = constellation.satellite_states(p.constellation_time + now)
         sight = constellation.line_of_sight(truth.lla[0], position)

@@ -94,7 +94,7 @@ def mix(mixture: Mixture, transition: Array) -> Mixture:
         weights = np.where(
             reached, np.exp(joint - np.where(reached, log_c[..., None, :], 0.0)), np.eye(len(transition))
         )
-    x, P = _moments(mixture.x[..., None, :, :], mixture.P, weights.swapaxes(-1, -2))
+    x, P = _moments(mixture.x, mixture.P, weights.swapaxes(-1, -2))
     return Mixture(x, P, log_c)
 
 
@@ -117,7 +117,7 @@ def combine(mixture: Mixture) -> tuple[Array, Array]:
     """
     if mixture.log_mu.shape[-1] == 1:
         return mixture.x[..., 0, :], mixture.P[..., 0, :, :]
-    x, P = _moments(mixture.x[..., None, :, :], mixture.P, mixture.mu[..., None, :])
+    x, P = _moments(mixture.x, mixture.P, mixture.mu[..., None, :])
     return np.asarray(x[..., 0, :]), np.asarray(P[..., 0, :, :])
 
 
@@ -165,13 +165,19 @@ def _joint(log_mu: Array, transition: Array) -> Array:
 
 
 def _moments(x: Array, P: Array, weights: Array) -> tuple[Array, Array]:
-    """Moments of K mixtures of M models: weights (..., K, M), x (..., 1, M, n), P (..., M, n, n)."""
-    n = x.shape[-1]
-    mean = weights @ x[..., 0, :, :]
-    spread = (x - mean[..., :, None, :]) * np.sqrt(weights)[..., None]
-    within = (weights @ P.reshape(*P.shape[:-2], n * n)).reshape(*mean.shape, n)
-    within += spread.swapaxes(-1, -2) @ spread
-    return mean, within
+    """Moments of K mixtures of M models: weights (..., K, M), x (..., M, n), P (..., M, n, n).
+
+    The spread is that of all pairs: sum_i w_i (x_i - x)(x_i - x)' = sum_{i<j} w_i w_j (x_i - x_j)(x_i - x_j)'.
+    """
+    M, n = x.shape[-2:]
+    mean = weights @ x
+    covariance = (weights @ P.reshape(*P.shape[:-2], n * n)).reshape(*mean.shape, n)
+    for i in range(M):
+        for j in range(i):
+            apart = x[..., None, i, :] - x[..., None, j, :]
+            both = weights[..., i] * weights[..., j]
+            covariance += both[..., None, None] * (apart[..., :, None] * apart[..., None, :])
+    return mean, covariance
 
 
 def _distribution(p: ArrayLike, what: str) -> Array:

@@ -25,6 +25,8 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
+_CORNER = 1e300
+"""Larger than any e' P^-1 e, so that a matrix bordered by e and this stays positive definite."""
 _FEW_ROWS = 400
 """Below this many matrix rows in a stack, one LAPACK call is quicker than a recursion of NumPy calls (measured)."""
 _LEAF = 5
@@ -137,9 +139,14 @@ def nees(error: Array, P: Array) -> Array:
     units by many orders. Raises `numpy.linalg.LinAlgError` when P is not positive definite.
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.4.
     """
+    n = P.shape[-1]
     scale = 1.0 / np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
-    L = cholesky(P * (scale[..., :, None] * scale[..., None, :]))
-    whitened = np.matvec(triangular_inverse(L), error * scale)
+    # Below the factor L of P, that of [P e; e' c] has the row (L^-1 e)', whatever c is: no inverse is needed.
+    bordered = np.empty((*np.broadcast_shapes(P.shape[:-2], error.shape[:-1]), n + 1, n + 1))
+    np.multiply(P, scale[..., :, None] * scale[..., None, :], out=bordered[..., :n, :n])
+    bordered[..., n, :n] = bordered[..., :n, n] = error * scale
+    bordered[..., n, n] = _CORNER
+    whitened = cholesky(bordered)[..., n, :n]
     return np.asarray(np.vecdot(whitened, whitened))
 
 
@@ -220,6 +227,8 @@ def _innovation(
     """The innovation, with H P and the masked H and full R that made it."""
     m = H.shape[-2]
     full = R.ndim == y.ndim + 1
+    if valid is not None and valid.all():
+        valid = None
     if valid is not None:
         y = np.where(valid, y, 0.0)
         H = np.where(valid[..., None], H, 0.0)

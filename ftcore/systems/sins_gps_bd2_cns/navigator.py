@@ -88,6 +88,8 @@ class Navigator:
         cns = units.to_si(p.aiding.cns, "arcsec")
         self._R = np.square(np.array([*p.aiding.gps, *p.aiding.bd2, cns, cns, cns]))
         self._P0 = self._initial_covariance()
+        # The axes of the plain IMU are alike: its noise looks the same from any frame.
+        self._plain_density = self._spectrum(self._imu.noise[0])
 
     def initial(self, controls: Controls) -> NavigatorState:
         """Before the first epoch: aligned, everybody trusted."""
@@ -198,20 +200,21 @@ class Navigator:
         return ins, Phi.reshape(shape), Q.reshape(shape)[:, :, None] * self._scale[:, None, None]
 
     def _density(self, interval: Interval, body: Array) -> Array:
-        """Spectral density ``(runs S, 15, 15)`` of Q_small: white noise of the IMU, and what drives its biases."""
-        m = self._p.models
-        count = len(interval.C_nb)
-        Qc = np.zeros((count, N, N))
+        """Spectral density ``(runs S or 1, 15, 15)`` of Q_small: white noise of the IMU, and what drives its biases."""
         if self._imu.solutions == 1:
-            level = np.broadcast_to(body[:, 0], (count, 2, 3, 3))
-        else:
-            C = interval.C_nb[:, None]
-            level = C @ body.reshape(count, 2, 3, 3) @ C.swapaxes(-1, -2)
-        Qc[:, ins_error.ATTITUDE, ins_error.ATTITUDE] = m.noise_scale * level[:, 0]
-        Qc[:, ins_error.VELOCITY, ins_error.VELOCITY] = m.noise_scale * level[:, 1]
+            return self._plain_density
+        C = interval.C_nb[:, None]
+        return self._spectrum(C @ body.reshape(-1, 2, 3, 3) @ C.swapaxes(-1, -2))
+
+    def _spectrum(self, level: Array) -> Array:
+        """The same from the white noise of gyros and accelerometers in the level frame, ``(..., 2, 3, 3)``."""
+        m = self._p.models
+        Qc = np.zeros((*level.shape[:-3], N, N))
+        Qc[..., ins_error.ATTITUDE, ins_error.ATTITUDE] = m.noise_scale * level[..., 0, :, :]
+        Qc[..., ins_error.VELOCITY, ins_error.VELOCITY] = m.noise_scale * level[..., 1, :, :]
         walk = m.noise_scale * m.bias_instability**2 * 2.0 / m.bias_time * self._imu.bias_covariance()
-        Qc[:, ins_error.GYRO, ins_error.GYRO] = walk[0]
-        Qc[:, ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] = walk[1]
+        Qc[..., ins_error.GYRO, ins_error.GYRO] = walk[0]
+        Qc[..., ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] = walk[1]
         return Qc
 
     def _measure(self, ins: InsState, readings: Readings, controls: Controls) -> list[Measured]:

@@ -22,6 +22,25 @@ _SKEW[1, 2], _SKEW[1, 6] = 1.0, -1.0
 _SKEW[2, 1], _SKEW[2, 3] = -1.0, 1.0
 _EYE = np.eye(3)
 
+
+def _quaternion_products(C: Array) -> Array:
+    """4 q_i q_k (..., 4, 4) of the quaternion (w, x, y, z) of ``C`` (..., 3, 3), less 1 on the diagonal; linear."""
+    xx, yy, zz = C[..., 0, 0], C[..., 1, 1], C[..., 2, 2]
+    a, b, c = C[..., 2, 1] - C[..., 1, 2], C[..., 0, 2] - C[..., 2, 0], C[..., 1, 0] - C[..., 0, 1]
+    d, e, f = C[..., 0, 1] + C[..., 1, 0], C[..., 0, 2] + C[..., 2, 0], C[..., 1, 2] + C[..., 2, 1]
+    rows = (
+        (xx + yy + zz, a, b, c),
+        (a, xx - yy - zz, d, e),
+        (b, d, yy - xx - zz, f),
+        (c, e, f, zz - xx - yy),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+# The same as a matrix from the nine entries of C, row by row: one product instead of thirty calls.
+_PRODUCTS = _quaternion_products(np.eye(9).reshape(9, 3, 3)).reshape(9, 16)
+_EYE4 = np.eye(4)
+
 # Keeps 0/0 out of sin(x)/x without a branch; its square root is far below any angle that matters.
 _TINY = 1e-300
 
@@ -75,21 +94,10 @@ def matrix_to_rotvec(C: Array) -> Array:
     Source: Shepperd (1978), "Quaternion from rotation matrix".
     """
     C = np.asarray(C, dtype=np.float64)
-    xx, yy, zz = C[..., 0, 0], C[..., 1, 1], C[..., 2, 2]
-    # Row k holds 4 q_k q, so any row is the quaternion (w, x, y, z) up to a factor; the longest one is the safest.
-    a, b, c = C[..., 2, 1] - C[..., 1, 2], C[..., 0, 2] - C[..., 2, 0], C[..., 1, 0] - C[..., 0, 1]
-    d, e, f = C[..., 0, 1] + C[..., 1, 0], C[..., 0, 2] + C[..., 2, 0], C[..., 1, 2] + C[..., 2, 1]
-    rows = np.stack(
-        [
-            np.stack([1 + xx + yy + zz, a, b, c], axis=-1),
-            np.stack([a, 1 + xx - yy - zz, d, e], axis=-1),
-            np.stack([b, d, 1 - xx + yy - zz, f], axis=-1),
-            np.stack([c, e, f, 1 - xx - yy + zz], axis=-1),
-        ],
-        axis=-2,
-    )
-    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
+    rows = (C.reshape(-1, 9) @ _PRODUCTS).reshape(-1, 4, 4) + _EYE4
+    # Any row is the quaternion up to a factor; the longest one is the safest.
+    best = np.diagonal(rows, axis1=-2, axis2=-1).argmax(axis=-1)
+    q = rows[np.arange(len(rows)), best].reshape(*C.shape[:-2], 4)
     q = q * np.where(q[..., :1] < 0.0, -1.0, 1.0)
     w, v = q[..., 0], q[..., 1:]
     sin_half = np.sqrt(np.sum(v * v, axis=-1))

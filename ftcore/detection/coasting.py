@@ -117,12 +117,8 @@ def coast(
     its sensitivity, both counted from any origin. variance: of a row's white noise. beta (runs,): validity by the
     test against the reference. learned (runs, l): what the filters have learned of the unit, to be looked up later.
     """
-    rows = raw.shape[-1]
     seen = ~np.isnan(raw).any(axis=-1)
-    step, G = raw - state.raw[:, -1], reach - state.reach[:, -1]
-    spread = 2.0 * variance * np.eye(rows) + G @ G.swapaxes(-1, -2)
-    # NaN, where a reading is missing, makes the comparison False: no jump is claimed.
-    jumped = _norm(step, spread) > threshold(P_JUMP, rows)
+    jumped = _jumped(raw - state.raw[:, -1], reach, state.reach[:, -1], variance)
 
     trust = np.concatenate([state.trust[:, 1:], beta[:, None]], axis=1)
     rejected = np.equal(trust, 0.0).mean(axis=1) >= MOST
@@ -177,6 +173,18 @@ def _dropped(anchors: Anchors, now: Anchors, where: Mask, first: Mask) -> Anchor
 
     anchor, reach, learned = (dropped(old, new) for old, new in zip(anchors, now, strict=True))
     return anchor, reach, learned
+
+
+def _jumped(step: Array, reach: Array, before: Array, variance: float) -> Mask:
+    """Whether a step (runs, rows) is more than white noise and what the data sheet allows in an epoch, (runs,). NaN,
+    where a reading is missing, makes the comparisons False: no jump is claimed."""
+    limit = threshold(P_JUMP, step.shape[-1])
+    jumped = np.asarray(np.square(step).sum(axis=-1) > 2.0 * variance * limit)
+    if jumped.any():  # hardly ever: without its data sheet a step looks larger than it is
+        G = (reach - before)[jumped]
+        spread = 2.0 * variance * np.eye(step.shape[-1]) + G @ G.swapaxes(-1, -2)
+        jumped[jumped] = _norm(step[jumped], spread) > limit
+    return jumped
 
 
 def _moves_alike(raw: Array, reach: Array, variance: float) -> Mask:

@@ -18,13 +18,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ftcore.detection.chi_square import Propagators, state_chi_square, threshold
+from ftcore.detection.chi_square import Propagators, by_rank, threshold
 from ftcore.detection.result import Array, Ints, Mask, TestResult
 from ftcore.estimation import imm, kalman
-from ftcore.estimation.tolerant_fusion import Layout, SubsetUpdates, stacked
+from ftcore.estimation.tolerant_fusion import Layout, Residuals, SubsetUpdates, residuals
 
 P_SUSPECT, P_REJECT = 0.10, 0.01
 """Tail probabilities of the two thresholds; for three rows they are the paper's 6.25 and 11.35 (11.345)."""
+
+_TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,8 @@ class SubsystemTests:
 
 def validity(q: Array, suspect: Array, reject: Array) -> Array:
     """beta of (15): 1 up to `suspect`, falling linearly to 0 at `reject`; any shapes that broadcast."""
-    return np.asarray(np.clip((reject - q) / np.maximum(reject - suspect, np.finfo(float).tiny), 0.0, 1.0))
+    falling = (reject - q) / np.maximum(reject - suspect, _TINY)
+    return np.asarray(np.minimum(np.maximum(falling, 0.0), 1.0))
 
 
 def carry(pair: Propagators, Phi: Array, Q: Array, mu: Array) -> Propagators:
@@ -126,14 +129,13 @@ def innovation_tests(
     ValueError unless 0 < p_reject < p_suspect < 1.
     """
     x_S, P_S = pair.estimate()
-    y, H, R = stacked(y, H, R, layout, valid)
-    # Without the blocks between subsystems, one factor whitens each of them by itself.
-    S = (H @ P_S @ H.swapaxes(-1, -2) + R) * (layout.membership.T @ layout.membership)
-    r = y - np.matvec(H, x_S)
-    whitened = np.matvec(kalman.triangular_inverse(kalman.cholesky(S)), r)
-    q = np.square(whitened) @ layout.membership.T
-    dof = np.array(layout.sizes)[None] if valid is None else layout.count(valid)
-    return _judged(q, dof, dof > 0, r, S, layout, p_suspect, p_reject)
+    return judge(residuals(x_S[:, None], P_S[:, None], y, H, R, layout, valid), 0, p_suspect, p_reject)
+
+
+def judge(r: Residuals, reference: int, p_suspect: float = P_SUSPECT, p_reject: float = P_REJECT) -> SubsystemTests:
+    """`innovation_tests` out of residuals that are there: `reference` is the place of the reference's among them."""
+    q, nu, S = r.q[:, reference], r.nu[:, reference], r.S[:, reference]
+    return _judged(q, r.dof, r.dof > 0, nu, S, r.layout, p_suspect, p_reject)
 
 
 def state_tests(
@@ -147,36 +149,33 @@ def state_tests(
     nothing to hold against the subsystem, and it is believed.
     """
     x_S, P_S = pair.estimate()
-    layout, prior = updates.layout, updates.prior
-    s, rows = len(layout.sizes), layout.places
+    r, prior = updates.residuals, updates.prior
+    layout, H = updates.layout, r.H[:, None]
+    # The local filters' updates on what they measure, less H x_S: H (x - x_S) + C D^-1 nu, and C - C D^-1 C.
+    C = r.HPH * layout.own_blocks
+    reach = r.whitener @ C
+    z = np.matvec(H, prior.x - x_S[:, None]) + np.vecmat(r.whitened, reach)
+    V = C - reach.swapaxes(-1, -2) @ reach
+    # Combined, each subsystem by its own mode probabilities: the weight of every row, (runs, M, m).
+    mu = np.exp(imm.reweigh(prior.log_mu[:, :, None], updates.log_likelihood, axis=1)) @ layout.membership
+    d = (mu * z).sum(axis=1)
+    spread = (z - d[:, None]) * np.sqrt(mu)
+    HPH_S = kalman.symmetric(r.H @ P_S @ r.H.swapaxes(-1, -2))
+    W = HPH_S - (mu[..., None] * V).sum(axis=1) - spread.swapaxes(-1, -2) @ spread
+    q, dof, _ = by_rank(*_of_subsystems(d, W, np.diagonal(HPH_S, axis1=-2, axis2=-1), layout))
+    return _judged(q, dof, updates.dof > 0, d, W, layout, p_suspect, p_reject)
 
-    def room(A: Array, *axes: int) -> Array:
-        """A smaller subsystem's block is filled up with zeros, of which W has no variance: they do not count."""
-        return A if rows.max() < layout.rows else np.pad(A, [(0, int(k - A.ndim in axes)) for k in range(A.ndim)])
 
-    H = room(updates.H, -2)[:, rows]
-    i, j = rows[:, :, None], rows[:, None, :]
-    C = room(updates.HPH, -2, -1)[:, :, i, j]
-    alone = 2 ** np.arange(s)
-    u = room(updates.weighed, -1)[:, :, alone[:, None], rows]
-    G = room(updates.inverse, -2, -1)[:, :, alone[:, None, None], i, j]
-    local = imm.Mixture(
-        np.moveaxis(np.matvec(H[:, None], prior.x[:, :, None]) + np.matvec(C, u), 1, 2),
-        np.moveaxis(kalman.symmetric(C - C @ G @ C), 1, 2),
-        imm.reweigh(prior.log_mu[:, None], updates.log_likelihood.swapaxes(1, 2)),
-    )
-    x_KF, P_KF = imm.combine(local)
-    Hx_S = np.matvec(H, x_S[:, None])
-    HPH_S = kalman.symmetric(H @ P_S[:, None] @ H.swapaxes(-1, -2))
-    test = state_chi_square(x_KF, P_KF, Hx_S, HPH_S, p_reject, "all")
-    present = updates.dof > 0
-    q, dof = np.where(present, test.statistic, 0.0), np.where(present, test.dof, 0)
-    d = np.zeros((len(q), layout.rows))
-    W = np.zeros((len(q), layout.rows, layout.rows))
-    for k, (size, own) in enumerate(zip(layout.sizes, layout.slices, strict=True)):
-        d[:, own] = (x_KF - Hx_S)[:, k, :size]
-        W[:, own, own] = (HPH_S - P_KF)[:, k, :size, :size]
-    return _judged(q, dof, present, d, W, layout, p_suspect, p_reject)
+def _of_subsystems(d: Array, W: Array, variance: Array, layout: Layout) -> tuple[Array, Array, Array]:
+    """The subsystems' parts of d (runs, m), W (runs, m, m) and variances (runs, m), with (runs, s, largest size).
+
+    A smaller subsystem's part is filled up with zeros: directions of no variance do not count.
+    """
+    rows = layout.places
+    if rows.max() == layout.rows:
+        d, variance = (np.pad(v, [(0, 0), (0, 1)]) for v in (d, variance))
+        W = np.pad(W, [(0, 0), (0, 1), (0, 1)])
+    return d[:, rows], W[:, rows[:, :, None], rows[:, None, :]], variance[:, rows]
 
 
 def _judged(
@@ -191,7 +190,8 @@ def _judged(
 ) -> SubsystemTests:
     if not p_reject < p_suspect:
         raise ValueError(f"a subsystem is suspected before it is rejected: {p_suspect} is not above {p_reject}")
-    dof, present = np.broadcast_to(dof, q.shape), np.broadcast_to(present, q.shape)
+    if dof.shape != q.shape or present.shape != q.shape:
+        dof, present = np.broadcast_to(dof, q.shape), np.broadcast_to(present, q.shape)
     suspect, reject = threshold(p_suspect, dof), threshold(p_reject, dof)
     beta = np.where(present, np.where(dof > 0, validity(q, suspect, reject), 1.0), 0.0)
     return SubsystemTests(layout, q, dof, present, suspect, reject, beta, vector, covariance)

@@ -94,7 +94,7 @@ def mix(mixture: Mixture, transition: Array) -> Mixture:
         weights = np.where(
             reached, np.exp(joint - np.where(reached, log_c[..., None, :], 0.0)), np.eye(len(transition))
         )
-    x, P = _moments(mixture.x[..., None, :, :], mixture.P, weights.swapaxes(-1, -2))
+    x, P = _moments(mixture.x, mixture.P, weights.swapaxes(-1, -2))
     return Mixture(x, P, log_c)
 
 
@@ -115,7 +115,9 @@ def combine(mixture: Mixture) -> tuple[Array, Array]:
 
     Source: (9)-(11).
     """
-    x, P = _moments(mixture.x[..., None, :, :], mixture.P, mixture.mu[..., None, :])
+    if mixture.log_mu.shape[-1] == 1:
+        return mixture.x[..., 0, :], mixture.P[..., 0, :, :]
+    x, P = _moments(mixture.x, mixture.P, mixture.mu[..., None, :])
     return np.asarray(x[..., 0, :]), np.asarray(P[..., 0, :, :])
 
 
@@ -141,13 +143,14 @@ def update(mixture: Mixture, y: Array, H: Array, R: Array, valid: Mask | None = 
     return Mixture(u.x, u.P, reweigh(mixture.log_mu, u.log_likelihood)), u
 
 
-def reweigh(log_mu: Array, log_likelihood: Array) -> Array:
+def reweigh(log_mu: Array, log_likelihood: Array, axis: int = -1) -> Array:
     """Bayes' rule for the mode probabilities, all in logarithms: mu_j = c_j Lambda_j / sum_i c_i Lambda_i, (..., M).
 
-    `log_mu`: the predicted probabilities, `log_likelihood` (..., M). Source: the model probability update of 3.1.
+    `log_mu`: the predicted probabilities, `log_likelihood` (..., M). `axis`: where the models stand, if not last.
+    Source: the model probability update of 3.1.
     """
-    joint = log_mu + (log_likelihood - log_likelihood.max(axis=-1, keepdims=True))
-    return np.asarray(joint - np.logaddexp.reduce(joint, axis=-1)[..., None])
+    joint = log_mu + (log_likelihood - log_likelihood.max(axis=axis, keepdims=True))
+    return np.asarray(joint - np.logaddexp.reduce(joint, axis=axis, keepdims=True))
 
 
 def shift(mixture: Mixture, dx: Array) -> Mixture:
@@ -162,13 +165,19 @@ def _joint(log_mu: Array, transition: Array) -> Array:
 
 
 def _moments(x: Array, P: Array, weights: Array) -> tuple[Array, Array]:
-    """Moments of K mixtures of M models: weights (..., K, M), x (..., 1, M, n), P (..., M, n, n)."""
-    n = x.shape[-1]
-    mean = weights @ x[..., 0, :, :]
-    spread = (x - mean[..., :, None, :]) * np.sqrt(weights)[..., None]
-    within = (weights @ P.reshape(*P.shape[:-2], n * n)).reshape(*mean.shape, n)
-    within += spread.swapaxes(-1, -2) @ spread
-    return mean, within
+    """Moments of K mixtures of M models: weights (..., K, M), x (..., M, n), P (..., M, n, n).
+
+    The spread is that of all pairs: sum_i w_i (x_i - x)(x_i - x)' = sum_{i<j} w_i w_j (x_i - x_j)(x_i - x_j)'.
+    """
+    M, n = x.shape[-2:]
+    mean = weights @ x
+    covariance = (weights @ P.reshape(*P.shape[:-2], n * n)).reshape(*mean.shape, n)
+    for i in range(M):
+        for j in range(i):
+            apart = x[..., None, i, :] - x[..., None, j, :]
+            both = weights[..., i] * weights[..., j]
+            covariance += both[..., None, None] * (apart[..., :, None] * apart[..., None, :])
+    return mean, covariance
 
 
 def _distribution(p: ArrayLike, what: str) -> Array:

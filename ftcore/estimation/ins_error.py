@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ftcore import earth
+from ftcore.estimation.kalman import identity
 from ftcore.estimation.strapdown import Component, InsState, Interval, components
 from ftcore.rotation import matrix_to_rotvec, rotvec_to_matrix
 
@@ -187,7 +188,7 @@ def system_matrix(interval: Interval) -> Array:
 
 # Larger batches are done in blocks of runs: temporaries of more than this come fresh from the operating system on every
 # call, and their page faults cost more than the arithmetic.
-_BLOCK_RUNS: Final = 16
+_BLOCK_RUNS: Final = 32
 
 
 def _in_blocks(kernel: Callable[..., Array], dt: float, *matrices: Array) -> Array:
@@ -208,7 +209,7 @@ def transition(F: Array, dt: float) -> Array:
 
 
 def _transition(F: Array, dt: float) -> Array:
-    eye = np.eye(F.shape[-1])
+    eye = identity(F.shape[-1])
     M = F * dt
     Phi = M * (1.0 / 3.0)
     Phi += eye
@@ -323,7 +324,7 @@ def process_noise(F: Array, Qc: Array, dt: float) -> Array:
 
 def _process_noise(F: Array, Qc: Array, dt: float) -> Array:
     middle, spread = 0.5 * dt, dt * (math.sqrt(3.0) / 6.0)
-    eye = np.eye(F.shape[-1])
+    eye = identity(F.shape[-1])
     F2 = F @ F
     # Phi at the points middle -+ spread is even -+ odd, and so the sum of both quadratic forms is that of these two.
     even = F2 * (0.5 * (middle * middle + spread * spread))
@@ -355,6 +356,10 @@ def navigation_error(indicated: InsState, true: InsState) -> Array:
     r_m, r_n = earth.principal_radii(lat)
     d = indicated.lla - true.lla
     d_lon = d[..., 1] - 2.0 * np.pi * np.round(d[..., 1] / (2.0 * np.pi))
-    phi = matrix_to_rotvec(indicated.C_nb @ np.swapaxes(true.C_nb, -1, -2))
-    position = np.stack([d_lon * (r_n + height) * np.cos(lat), d[..., 0] * (r_m + height), d[..., 2]], axis=-1)
-    return np.concatenate([position, indicated.v_n - true.v_n, phi], axis=-1)
+    error = np.empty((*d_lon.shape, 9))
+    error[..., 0] = d_lon * (r_n + height) * np.cos(lat)
+    error[..., 1] = d[..., 0] * (r_m + height)
+    error[..., 2] = d[..., 2]
+    error[..., VELOCITY] = indicated.v_n - true.v_n
+    error[..., ATTITUDE] = matrix_to_rotvec(indicated.C_nb @ np.swapaxes(true.C_nb, -1, -2))
+    return error

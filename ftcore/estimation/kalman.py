@@ -25,6 +25,8 @@ Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
+_CORNER = 1e300
+"""Larger than any e' P^-1 e, so that a matrix bordered by e and this stays positive definite."""
 _FEW_ROWS = 400
 """Below this many matrix rows in a stack, one LAPACK call is quicker than a recursion of NumPy calls (measured)."""
 _LEAF = 5
@@ -113,7 +115,7 @@ def update(x: Array, P: Array, y: Array, H: Array, R: Array, valid: Mask | None 
     W = inn.whitener @ HP
     if joseph:
         K = W.swapaxes(-1, -2) @ inn.whitener
-        I_KH = _eye(P.shape[-1]) - K @ H
+        I_KH = identity(P.shape[-1]) - K @ H
         P_new = symmetric(I_KH @ P @ _transposed(I_KH) + K @ R @ _transposed(K))
     else:
         lost = W.swapaxes(-1, -2) @ W  # NumPy sees a matrix and its own transpose: symmetric to the bit
@@ -137,9 +139,14 @@ def nees(error: Array, P: Array) -> Array:
     units by many orders. Raises `numpy.linalg.LinAlgError` when P is not positive definite.
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.4.
     """
+    n = P.shape[-1]
     scale = 1.0 / np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
-    L = cholesky(P * (scale[..., :, None] * scale[..., None, :]))
-    whitened = np.matvec(triangular_inverse(L), error * scale)
+    # Below the factor L of P, that of [P e; e' c] has the row (L^-1 e)', whatever c is: no inverse is needed.
+    bordered = np.empty((*np.broadcast_shapes(P.shape[:-2], error.shape[:-1]), n + 1, n + 1))
+    np.multiply(P, scale[..., :, None] * scale[..., None, :], out=bordered[..., :n, :n])
+    bordered[..., n, :n] = bordered[..., :n, n] = error * scale
+    bordered[..., n, n] = _CORNER
+    whitened = cholesky(bordered)[..., n, :n]
     return np.asarray(np.vecdot(whitened, whitened))
 
 
@@ -166,6 +173,14 @@ def symmetric(A: Array) -> Array:
     S = A + A.swapaxes(-1, -2)
     S *= 0.5
     return S
+
+
+@lru_cache(maxsize=64)
+def identity(n: int) -> Array:
+    """The unit matrix, (n, n), read only: made once."""
+    eye = np.eye(n)
+    eye.flags.writeable = False
+    return eye
 
 
 def cholesky(A: Array) -> Array:
@@ -212,12 +227,14 @@ def _innovation(
     """The innovation, with H P and the masked H and full R that made it."""
     m = H.shape[-2]
     full = R.ndim == y.ndim + 1
+    if valid is not None and valid.all():
+        valid = None
     if valid is not None:
         y = np.where(valid, y, 0.0)
         H = np.where(valid[..., None], H, 0.0)
-        R = np.where(valid[..., :, None] & valid[..., None, :], R, _eye(m)) if full else np.where(valid, R, 1.0)
+        R = np.where(valid[..., :, None] & valid[..., None, :], R, identity(m)) if full else np.where(valid, R, 1.0)
     if not full:
-        R = R[..., None] * _eye(m)
+        R = R[..., None] * identity(m)
     HP = H @ P
     S = HP @ _transposed(H) + R
     whitener = triangular_inverse(cholesky(S))
@@ -264,10 +281,3 @@ def _substitute(L: Array, inverse: Array) -> None:
             for between in range(j + 1, i):
                 total += L[..., i, between] * inverse[..., between, j]
             np.multiply(total, -diagonal, out=inverse[..., i, j])
-
-
-@lru_cache(maxsize=64)
-def _eye(n: int) -> Array:
-    identity = np.eye(n)
-    identity.flags.writeable = False
-    return identity

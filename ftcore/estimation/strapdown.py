@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 # Runs are taken through the fast recursion in blocks of about this many samples: larger temporaries come fresh from the
 # operating system on every call, and their page faults cost more than the arithmetic.
-_BLOCK_SAMPLES: Final = 400
+_BLOCK_SAMPLES: Final = 800
 
 DEFAULT_DAMPING_TIME: Final = 30.0
 """Time constant of the damped vertical channel where a scenario is silent [s]."""
@@ -125,18 +125,20 @@ _EYE5 = np.eye(5)
 def _fast(omega_b: Array, f_b: Array, dt: float) -> Array:
     """Body-frame recursion: matrices (2, runs, 5, 5) of the first half, rounded up to a sample, and of the whole.
 
-    Arrays here lead with the component, so that each operation runs over contiguous samples and runs. Components are
-    stored as x, y, z, x, y: both terms of a cross product are then slices.
+    Arrays here lead with the component and end with the samples, so that each operation runs over contiguous numbers.
+    Components are stored as x, y, z, x, y: both terms of a cross product are then slices.
     """
     runs, count, _ = np.broadcast_shapes(omega_b.shape, f_b.shape)
-    x = np.empty((2, 5, count, runs))
-    np.multiply(omega_b.transpose(2, 1, 0), dt, out=x[0, :3])
-    np.multiply(f_b.transpose(2, 1, 0), dt, out=x[1, :3])
-    x[:, 3:] = x[:, :2]
-    theta, v = x[0, :3], x[1, :3]
+    increments = np.empty((2, 3, runs, count))
+    np.multiply(omega_b.transpose(2, 0, 1), dt, out=increments[0])
+    np.multiply(f_b.transpose(2, 0, 1), dt, out=increments[1])
+    x = np.empty((2, 5, runs, count))
+    x[:, :3], x[:, 3:] = increments, increments[:, :2]
+    theta, v = increments
     # Right-hand sides of the cross products: change of angle, change of velocity, velocity.
-    y = np.empty((3, 5, count, runs))
-    np.matmul(_change_stencil(count), x, out=y[:2])
+    y = np.empty((3, 5, runs, count))
+    y[:2, :3] = (increments.reshape(-1, count) @ _change_stencil(count).T).reshape(increments.shape)
+    y[:2, 3:] = y[:2, :2]
     y[2] = x[1]
     theta_x = x[0, 1:4] * y[:, 2:] - x[0, 2:] * y[:, 1:4]
     coning, rotation = theta_x[0], theta_x[2]
@@ -154,8 +156,8 @@ def _fast(omega_b: Array, f_b: Array, dt: float) -> Array:
     m[:, :count, 3, 4] = dt
     if count % 2:
         m[:, -1] = _EYE5
-    top = np.empty((3, 5, count, runs))
-    entries = np.empty((7, count, runs))
+    top = np.empty((3, 5, runs, count))
+    entries = np.empty((7, runs, count))
     np.multiply(a, phi, out=entries[:3])
     np.negative(entries[:3], out=entries[3:6])
     np.subtract(1.0, b * phi_squared, out=entries[6])
@@ -169,7 +171,7 @@ def _fast(omega_b: Array, f_b: Array, dt: float) -> Array:
     top[:, 3] = dv
     # Position: mid-sample rule, then scrolling.
     top[:, 4] = (0.5 * dt) * dv - (dt / 12.0) * rotation - (0.5 * dt) * y[1, :3]
-    m[:, :count, :3] = top.transpose(3, 2, 0, 1)
+    m[:, :count, :3] = top.transpose(2, 3, 0, 1)
 
     halves = ordered_product(m.reshape(runs, 2, half, 5, 5))
     out = np.empty((2, runs, 5, 5))

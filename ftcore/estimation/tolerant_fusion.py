@@ -18,12 +18,16 @@ of A's part of S = H P H' + R and zeros elsewhere, and u_A = G_A (y - H x). So (
 averaged among measurements, m x m, and the state is touched once. The inverses grow subsystem by subsystem, each step
 doubling the subsets through the Schur complement of the new block.
 
+All estimates at once. Whatever predicts the same measurement, the models of one filter or of several, or a reference to
+test against, is compared with it by one call, `residuals`, whose parts then go where they belong.
+
 Shapes: runs lead; M models, n states, m rows of all s subsystems one below the other as `Layout` has them; prior.x
 (runs, M, n); y (runs, m); H (runs, m, n); R (m,) or (runs, m) variances, or (runs, m, m) with blocks by subsystem.
 Subset A stands at the index whose bit i is set when subsystem i belongs to it: 0 is SINS alone, 2^s - 1 are all.
 Source: C. Yang, A. Mohammadi and Q.-W. Chen, Sensors 16 (2016), section 3.3.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, get_args
@@ -63,13 +67,17 @@ class Layout:
     @property
     def slices(self) -> tuple[slice, ...]:
         """The rows of each subsystem."""
-        ends = np.cumsum(self.sizes).tolist()
-        return tuple(slice(end - size, end) for end, size in zip(ends, self.sizes, strict=True))
+        return _slices(self.sizes)
 
     @property
     def membership(self) -> Array:
         """(s, m): 1 where the row belongs to the subsystem."""
         return _membership(self.sizes)
+
+    @property
+    def own_blocks(self) -> Array:
+        """(m, m): 1 where row and column belong to the same subsystem."""
+        return _own_blocks(self.sizes)
 
     @property
     def places(self) -> Ints:
@@ -82,33 +90,76 @@ class Layout:
 
 
 @dataclass(frozen=True, slots=True)
+class Residuals:
+    """A measurement against K estimates that predict it; rows that are not valid are 0, and unit in S."""
+
+    layout: Layout
+    H: Array
+    """(runs, m, n)."""
+    HP: Array
+    """H P, (runs, K, m, n)."""
+    HPH: Array
+    """H P H', (runs, K, m, m)."""
+    S: Array
+    """H P H' + R, (runs, K, m, m)."""
+    nu: Array
+    """y - H x, (runs, K, m)."""
+    whitener: Array
+    """L^-1 of every subsystem's own block of S, (runs, K, m, m), zeros between subsystems."""
+    whitened: Array
+    """L^-1 nu, (runs, K, m)."""
+    q: Array
+    """nu' S^-1 nu of every subsystem by itself, (runs, K, s): chi-square on `dof`; 0 where it has no valid row."""
+    dof: Ints
+    """Valid rows of each subsystem, (runs, s)."""
+
+    def of(self, which: slice) -> "Residuals":
+        """Those of some of the estimates."""
+        return Residuals(
+            self.layout,
+            self.H,
+            self.HP[:, which],
+            self.HPH[:, which],
+            self.S[:, which],
+            self.nu[:, which],
+            self.whitener[:, which],
+            self.whitened[:, which],
+            self.q[:, which],
+            self.dof,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class SubsetUpdates:
     """The updates of every model with every subset of the subsystems, in the space of the measurements."""
 
     prior: Mixture
-    layout: Layout
-    H: Array
-    """(runs, m, n); rows that are not valid are 0 here and below."""
-    HP: Array
-    """H P, (runs, M, m, n)."""
-    HPH: Array
-    """H P H', (runs, M, m, m)."""
+    residuals: Residuals
+    """Of the models' predictions."""
     inverse: Array
     """G_A, (runs, M, 2^s, m, m)."""
     weighed: Array
     """u_A = G_A (y - H x), (runs, M, 2^s, m)."""
     log_likelihood: Array
     """Of each subsystem's measurement under each model's prediction, (runs, M, s); 0 where it has no valid row."""
-    dof: Ints
-    """Valid rows of each subsystem, (runs, s)."""
+
+    @property
+    def layout(self) -> Layout:
+        """The subsystems."""
+        return self.residuals.layout
+
+    @property
+    def dof(self) -> Ints:
+        """Valid rows of each subsystem, (runs, s)."""
+        return self.residuals.dof
 
     def x(self) -> Array:
         """The states of (18)-(33), (runs, M, 2^s, n)."""
-        return np.asarray(self.prior.x[:, :, None] + self.weighed @ self.HP)
+        return np.asarray(self.prior.x[:, :, None] + self.weighed @ self.residuals.HP)
 
     def P(self) -> Array:
         """The covariances of (19)-(32), (runs, M, 2^s, n, n)."""
-        HP = self.HP[:, :, None]
+        HP = self.residuals.HP[:, :, None]
         return kalman.symmetric(self.prior.P[:, :, None] - HP.swapaxes(-1, -2) @ self.inverse @ HP)
 
 
@@ -130,7 +181,7 @@ class Fusion:
 
 def members(s: int) -> Mask:
     """Which subsystems belong to which subset, (2^s, s)."""
-    return np.asarray((np.arange(2**s)[:, None] >> np.arange(s)) & 1 == 1)
+    return _members(s)
 
 
 def subset_names(names: tuple[str, ...], alone: str = "sins") -> tuple[str, ...]:
@@ -142,11 +193,26 @@ def subset_names(names: tuple[str, ...], alone: str = "sins") -> tuple[str, ...]
 
 def subset_weights(beta: Array) -> Array:
     """alpha (..., 2^s) of validities beta (..., s): the probability that just these subsystems are valid, (17)."""
-    alpha = np.ones((*beta.shape[:-1], 1))
-    for i in range(beta.shape[-1]):
-        b = beta[..., i, None]
-        alpha = np.concatenate([alpha * (1.0 - b), alpha * b], axis=-1)
-    return alpha
+    b = beta[..., None, :]
+    return np.asarray(np.where(members(beta.shape[-1]), b, 1.0 - b).prod(axis=-1))
+
+
+def residuals(x: Array, P: Array, y: Array, H: Array, R: Array, layout: Layout, valid: Mask | None = None) -> Residuals:
+    """Compare a measurement of all subsystems with K estimates x (runs, K, n), P (runs, K, n, n).
+
+    y, H, R, `valid` and errors as in `subset_updates`.
+    """
+    y, H, R = stacked(y, H, R, layout, valid)
+    HP = H[:, None] @ P
+    HPH = HP @ np.ascontiguousarray(H.swapaxes(-1, -2))[:, None]
+    S = HPH + R[:, None]
+    nu = y[:, None] - np.matvec(H[:, None], x)
+    # Without the blocks between subsystems, one factor whitens each of them by itself.
+    whitener = kalman.triangular_inverse(kalman.cholesky(S * layout.own_blocks))
+    whitened = np.matvec(whitener, nu)
+    q = np.square(whitened) @ layout.membership.T
+    dof = np.array([layout.sizes]) if valid is None else layout.count(valid)
+    return Residuals(layout, H, HP, HPH, S, nu, whitener, whitened, q, dof)
 
 
 def subset_updates(
@@ -158,26 +224,24 @@ def subset_updates(
     too); a subsystem without a valid row adds nothing to any subset. Raises ValueError when the rows of y are not those
     of the layout, and LinAlgError when some S is not positive definite.
     """
-    y, H, R = stacked(y, H, R, layout, valid)
-    x, P = prior.x, prior.P
-    HP = H[:, None] @ P
-    HPH = HP @ np.ascontiguousarray(H.swapaxes(-1, -2))[:, None]
-    nu = y[:, None] - np.matvec(H[:, None], x)
-    inverse, whitener = _subset_inverses(HPH + R[:, None], layout)
-    dof = np.array(layout.sizes)[None] if valid is None else layout.count(valid)
-    log_scale = np.log(np.diagonal(whitener, axis1=-2, axis2=-1))
-    fit = (log_scale - 0.5 * np.square(np.matvec(whitener, nu))) @ layout.membership.T
-    return SubsetUpdates(
-        prior,
-        layout,
-        H,
-        HP,
-        HPH,
-        inverse,
-        np.matvec(inverse, nu[:, :, None]),
-        fit - 0.5 * _LOG_2PI * dof[:, None],
-        dof,
-    )
+    return updates_of([prior], residuals(prior.x, prior.P, y, H, R, layout, valid))[0]
+
+
+def updates_of(priors: Sequence[Mixture], r: Residuals) -> list[SubsetUpdates]:
+    """`subset_updates` of several filters at once, from the residuals of all their models, one filter's after the
+    other's."""
+    inverse = _subset_inverses(r.S, r.whitener, r.layout)
+    weighed = np.matvec(inverse, r.nu[:, :, None])
+    log_scale = np.log(np.diagonal(r.whitener, axis1=-2, axis2=-1)) @ r.layout.membership.T
+    log_likelihood = log_scale - 0.5 * r.q - 0.5 * _LOG_2PI * r.dof[:, None]
+    found, start = [], 0
+    for prior in priors:
+        models = slice(start, start + prior.log_mu.shape[-1])
+        start = models.stop
+        found.append(
+            SubsetUpdates(prior, r.of(models), inverse[:, models], weighed[:, models], log_likelihood[:, models])
+        )
+    return found
 
 
 def fuse(updates: SubsetUpdates, beta: Array, q: Array, drives: Drives = "smallest") -> Fusion:
@@ -193,12 +257,12 @@ def fuse(updates: SubsetUpdates, beta: Array, q: Array, drives: Drives = "smalle
     present = updates.dof > 0
     beta = np.where(present, beta, 0.0)
     alpha = subset_weights(beta)
-    G, u, HP = updates.inverse, updates.weighed, updates.HP
+    G, u, HP = updates.inverse, updates.weighed, updates.residuals.HP
     m = G.shape[-1]
-    a = alpha[:, None, :]
-    mean = (a[..., None, :] @ u)[..., 0, :]
-    deviation = (u - mean[..., None, :]) * np.sqrt(a)[..., None]
-    among = (a[..., None, :] @ G.reshape(*G.shape[:-2], m * m)).reshape(*mean.shape, m)
+    a = alpha[:, None, None, :]
+    mean = (a @ u)[..., 0, :]
+    deviation = (u - mean[..., None, :]) * np.sqrt(alpha)[:, None, :, None]
+    among = (a @ G.reshape(*G.shape[:-2], m * m)).reshape(*mean.shape, m)
     among -= deviation.swapaxes(-1, -2) @ deviation
     x = updates.prior.x + np.vecmat(mean, HP)
     P = kalman.symmetric(updates.prior.P - HP.swapaxes(-1, -2) @ (among @ HP))
@@ -236,41 +300,63 @@ def stacked(y: Array, H: Array, R: Array, layout: Layout, valid: Mask | None) ->
 
 def noise(R: Array, valid: Mask | None) -> Array:
     """R (m,), (runs, m) or (runs, m, m) as (runs, m, m), a leading 1 for all runs; unit where a row is not valid."""
-    eye = np.eye(R.shape[-1])
+    eye = kalman.identity(R.shape[-1])
     full = R.ndim == 3
     if valid is not None and not valid.all():
         R = np.where(valid[:, :, None] & valid[:, None, :], R, eye) if full else np.where(valid, R, 1.0)
     return np.asarray(R if full else np.atleast_2d(R)[:, :, None] * eye)
 
 
-def _subset_inverses(S: Array, layout: Layout) -> tuple[Array, Array]:
-    """G_A (..., 2^s, m, m) of S (..., m, m), and the whiteners L^-1 of the subsystems' own blocks, (..., m, m).
+def _subset_inverses(S: Array, whitener: Array, layout: Layout) -> Array:
+    """G_A (..., 2^s, m, m) of S (..., m, m); `whitener`: L^-1 of the subsystems' own blocks, (..., m, m).
 
     With G of the subsets of the first rows and the new block's C = S_bA G and Schur complement D = S_bb - C S_Ab,
-    the inverse with the block is [G + C' D^-1 C, -C' D^-1; -D^-1 C, D^-1]. For the empty subset D is S_bb itself.
+    the inverse with the block is [G + C' D^-1 C, -C' D^-1; -D^-1 C, D^-1]; for the block alone it is that of S_bb.
     """
     m = layout.rows
+    alone = whitener.swapaxes(-1, -2) @ whitener
     G = np.zeros((*S.shape[:-2], 2 ** len(layout.sizes), m, m))
-    whitener = np.zeros_like(S)
     for i, b in enumerate(layout.slices):
-        A, old, new = slice(0, b.start), slice(0, 2**i), slice(2**i, 2 ** (i + 1))
-        C = S[..., None, b, A] @ G[..., old, A, A]
-        D = S[..., None, b, b] - C @ S[..., None, A, b]
-        L_inv = kalman.triangular_inverse(kalman.cholesky(kalman.symmetric(D)))
-        reach = L_inv @ C
-        G[..., new, A, A] = G[..., old, A, A] + reach.swapaxes(-1, -2) @ reach
-        across = L_inv.swapaxes(-1, -2) @ reach
-        G[..., new, b, A] = -across
-        G[..., new, A, b] = -across.swapaxes(-1, -2)
-        G[..., new, b, b] = L_inv.swapaxes(-1, -2) @ L_inv
-        whitener[..., b, b] = L_inv[..., 0, :, :]
-    return G, whitener
+        G[..., 2**i, b, b] = alone[..., b, b]
+        if i == 0:
+            continue
+        A, old, new = slice(0, b.start), slice(1, 2**i), slice(2**i + 1, 2 ** (i + 1))
+        G_old = G[..., old, A, A]
+        C = S[..., None, b, A] @ G_old
+        L_inv = kalman.triangular_inverse(kalman.cholesky(S[..., None, b, b] - C @ S[..., None, A, b]))
+        reach, transposed = L_inv @ C, L_inv.swapaxes(-1, -2)
+        G[..., new, A, A] = G_old + reach.swapaxes(-1, -2) @ reach
+        across = np.negative(transposed @ reach)
+        G[..., new, b, A] = across
+        G[..., new, A, b] = across.swapaxes(-1, -2)
+        G[..., new, b, b] = transposed @ L_inv
+    return G
 
 
 def _of_driver(log_likelihood: Array, chosen: Ints) -> Array:
     """The driver's log-likelihood under each model, (runs, M); 0, which changes nothing, where there is no driver."""
-    taken = np.take_along_axis(log_likelihood, np.maximum(chosen, 0)[:, None, None], axis=-1)[..., 0]
-    return np.where(chosen[:, None] >= 0, taken, 0.0)
+    drives = np.arange(log_likelihood.shape[-1]) == chosen[:, None]
+    return np.asarray(np.where(drives[:, None], log_likelihood, 0.0).sum(axis=-1))
+
+
+@lru_cache(maxsize=64)
+def _members(s: int) -> Mask:
+    table = np.asarray((np.arange(2**s)[:, None] >> np.arange(s)) & 1 == 1)
+    table.flags.writeable = False
+    return table
+
+
+@lru_cache(maxsize=64)
+def _slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
+    ends = np.cumsum(sizes).tolist()
+    return tuple(slice(end - size, end) for end, size in zip(ends, sizes, strict=True))
+
+
+@lru_cache(maxsize=64)
+def _own_blocks(sizes: tuple[int, ...]) -> Array:
+    table = _membership(sizes).T @ _membership(sizes)
+    table.flags.writeable = False
+    return table
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ftcore.description import Health
 from ftcore.estimation import kalman
-from ftcore.rotation import matrix_to_rpy
 from ftcore.systems.base import HEALTH, Controls, Output
 
 Array = NDArray[np.float64]
@@ -27,6 +26,7 @@ class Truth:
     lla: Array
     v_n: Array
     C_nb: Array
+    rpy: Array
 
 
 def navigation_columns(error: Array, P: Array) -> Array:
@@ -46,9 +46,11 @@ def columns_of_tests(output: Output) -> Array:
 
 def flight_columns(truth: Truth, runs: int) -> Array:
     """Height [m], speed [m/s], roll, pitch and heading [rad] that are really flown, ``(runs, 5)``."""
-    rpy = matrix_to_rpy(truth.C_nb)[0]
-    flight = np.array([truth.lla[0, 2], np.linalg.norm(truth.v_n[0]), *rpy])
-    return np.broadcast_to(flight, (runs, len(flight)))
+    flight = np.empty((runs, 5))
+    flight[:, 0] = truth.lla[0, 2]
+    flight[:, 1] = np.linalg.norm(truth.v_n[0])
+    flight[:, 2:] = truth.rpy
+    return flight
 
 
 def healths(subjects: Sequence[str], output: Output | None, controls: Controls) -> dict[str, Health]:

@@ -5,6 +5,7 @@ The system flies two of them on the same measurements: with the IMM, and without
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,28 +117,35 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
     )
 
 
-def predict(branch: Branch, Phi: Array, Q: Array, transition: Array, own: bool) -> Branch:
-    """Carry everything over one epoch with Phi ``(runs, 15, 15)`` and Q ``(runs, models, 15, 15)``.
-
-    ``own``: the propagators' noise is by their own model probabilities, not by the filter's of the moment.
-    """
-    prior = imm.predict(branch.mixture, Phi, Q, transition)
-    drifting = imm.predicted_probabilities(branch.drifting, transition)
-    pair = propagators.carry(branch.pair, Phi, Q, np.exp(drifting) if own else prior.mu)
-    return replace(branch, mixture=prior, pair=pair, age=branch.age + 1.0, drifting=drifting)
+def compare(branches: Sequence[Branch], m: Measured, settings: Settings) -> list[tuple[SubsystemTests, SubsetUpdates]]:
+    """The innovation form's tests, and the updates with every subset of the aids, of several filters at once."""
+    references = [branch.pair.estimate() for branch in branches]
+    mixtures = [branch.mixture for branch in branches]
+    x = np.concatenate([*(mixture.x for mixture in mixtures), *(x[:, None] for x, _ in references)], axis=1)
+    P = np.concatenate([*(mixture.P for mixture in mixtures), *(P[:, None] for _, P in references)], axis=1)
+    residuals = tolerant_fusion.residuals(x, P, m.y, m.H, m.R, LAYOUT, m.valid)
+    first = x.shape[1] - len(branches)
+    updates = tolerant_fusion.updates_of(mixtures, residuals.of(slice(0, first)))
+    bounds = settings.doubt_probability, settings.false_alarm_probability
+    return [(propagators.judge(residuals, first + i, *bounds), u) for i, u in enumerate(updates)]
 
 
 def examine(
-    branch: Branch, m: Measured, motion: Motion, settings: Settings, shadows: bool, recovers: bool
+    branch: Branch,
+    compared: tuple[SubsystemTests, SubsetUpdates],
+    m: Measured,
+    motion: Motion,
+    settings: Settings,
+    shadows: bool,
+    recovers: bool,
 ) -> tuple[Branch, Examined]:
     """Test every aid against the reference.
 
-    ``shadows``: make the state form too where it does not drive. ``recovers``: whether aids may be believed against the
-    reference.
+    ``compared``: what `compare` says of this filter. ``shadows``: make the state form too where it does not drive.
+    ``recovers``: whether aids may be believed against the reference.
     """
     bounds = settings.doubt_probability, settings.false_alarm_probability
-    innovation = propagators.innovation_tests(branch.pair, m.y, m.H, m.R, LAYOUT, m.valid, *bounds)
-    updates = tolerant_fusion.subset_updates(branch.mixture, m.y, m.H, m.R, LAYOUT, m.valid)
+    innovation, updates = compared
     by_state = settings.driving_test == "two-propagator-state"
     state = None
     if shadows or by_state:

@@ -71,7 +71,10 @@ def input_axes(p: Parameters) -> Array:
 
 
 class Imu:
-    """Either IMU. ``calibration`` are the mean readings at rest ``(runs, 2, k)``."""
+    """Either IMU. ``calibration`` are the mean readings at rest ``(runs, 2, k)``.
+
+    ``noise (1, 1, 2, 3, 3)``: body noise covariance density of the plain one.
+    """
 
     def __init__(self, p: Parameters, runs: int, calibration: Array) -> None:
         i = p.inertial
@@ -91,7 +94,7 @@ class Imu:
         nothing = np.zeros((runs, COLUMNS))
         self._untested = (np.full((runs, COLUMNS), np.nan), nothing, nothing, nothing.astype(bool))
         self._unused = np.zeros((runs, len(INSTRUMENTS)), bool)
-        self._noise = (np.square(self.density)[:, None, None] * np.eye(3))[None, None]
+        self.noise = (np.square(self.density)[:, None, None] * np.eye(3))[None, None]
 
     @property
     def solutions(self) -> int:
@@ -118,7 +121,7 @@ class Imu:
             epoch = Epoch(
                 omega_b[:, None],
                 f_b[:, None],
-                self._noise,
+                self.noise,
                 self._untested,
                 self._unused.astype(np.int8),
                 self._unused,

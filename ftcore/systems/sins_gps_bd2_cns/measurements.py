@@ -22,6 +22,7 @@ from ftcore.rotation import matrix_to_rpy
 
 Array = NDArray[np.float64]
 SUBJECTS, ROWS = 3, 3
+_EYE = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,9 @@ class Chart:
 
     def to_metres(self, lla: Array) -> Array:
         """``(..., 3)`` latitude, longitude, height to east, north, up [m]."""
-        d = lla - self.datum
-        d_lon = d[..., 1] - 2.0 * np.pi * np.round(d[..., 1] / (2.0 * np.pi))
-        return np.stack([d_lon, d[..., 0], d[..., 2]], axis=-1) * self.metres
+        d = (lla - self.datum)[..., [1, 0, 2]]
+        d[..., 0] -= 2.0 * np.pi * np.round(d[..., 0] / (2.0 * np.pi))
+        return np.asarray(d * self.metres)
 
 
 def attitude_rows(rpy: Array) -> Array:
@@ -64,13 +65,12 @@ def attitude_rows(rpy: Array) -> Array:
     return J
 
 
-def aids(ins: InsState, chart: Chart, gps: Array, bd2: Array, cns: Array) -> tuple[Array, Array]:
+def aids(ins: InsState, chart: Chart, readings: Array) -> tuple[Array, Array]:
     """z ``(runs, 3, 3)`` of GPS, BD2 and CNS, and H ``(runs, 3, 3, 15)``.
 
     Args:
         ins: indicated state ``(runs, ...)``.
-        gps, bd2: ``(runs, 3)`` east, north, up in the chart [m].
-        cns: ``(runs, 3)`` roll, pitch, heading [rad].
+        readings: ``(runs, 3, 3)``: of GPS and BD2 east, north, up in the chart [m], of CNS roll, pitch, heading [rad].
     """
     runs = len(ins.lla)
     rpy = matrix_to_rpy(ins.C_nb)
@@ -78,14 +78,12 @@ def aids(ins: InsState, chart: Chart, gps: Array, bd2: Array, cns: Array) -> tup
     # The chart is metric at its datum; errors are metres where the aircraft is.
     r_m, r_n = earth.principal_radii(ins.lla[:, 0])
     height = ins.lla[:, 2]
-    here = np.stack([(r_n + height) * np.cos(ins.lla[:, 0]), r_m + height, np.ones(runs)], axis=-1)
-    indicated = chart.to_metres(ins.lla)
-    scale = here / chart.metres
-    z[:, 0] = (indicated - gps) * scale
-    z[:, 1] = (indicated - bd2) * scale
-    turn = rpy - cns
+    here = np.ones((runs, 3))
+    here[:, 0], here[:, 1] = (r_n + height) * np.cos(ins.lla[:, 0]), r_m + height
+    z[:, :2] = (chart.to_metres(ins.lla)[:, None] - readings[:, :2]) * (here / chart.metres)[:, None]
+    turn = rpy - readings[:, 2]
     z[:, 2] = turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
     H = np.zeros((runs, SUBJECTS, ROWS, CORE_STATES))
-    H[:, :2, :, POSITION] = np.eye(3)
+    H[:, :2, :, POSITION] = _EYE
     H[:, 2, :, ATTITUDE] = attitude_rows(rpy)
     return z, H

@@ -6,6 +6,7 @@ from ftcore.systems.declarations import redundant_imu_tests
 
 EPOCH = 1.0
 AIDS = {"gps": "GPS", "bd2": "BD2", "cns": "CNS"}
+AID_READINGS = {"gps": "gps.position", "bd2": "bd2.position", "cns": "cns.attitude"}
 ESTIMATORS = {
     "fused": "fault-tolerant, IMM",
     "without-imm": "fault-tolerant, without IMM",

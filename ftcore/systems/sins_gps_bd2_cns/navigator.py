@@ -24,16 +24,16 @@ from ftcore.estimation.imm import Mixture
 from ftcore.estimation.strapdown import InsState, Interval, propagate
 from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Flags, Notice, Output
+from ftcore.systems.sins_gps_bd2_cns import bank, measurements
 from ftcore.systems.sins_gps_bd2_cns import branch as fault_tolerant
 from ftcore.systems.sins_gps_bd2_cns import federation as federated_master
-from ftcore.systems.sins_gps_bd2_cns import measurements
 from ftcore.systems.sins_gps_bd2_cns.branch import Branch, Examined, Measured, Motion
 from ftcore.systems.sins_gps_bd2_cns.federation import FederationState
 from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.imu import Epoch as ImuEpoch
 from ftcore.systems.sins_gps_bd2_cns.imu import Imu
 from ftcore.systems.sins_gps_bd2_cns.imu import State as ImuState
-from ftcore.systems.sins_gps_bd2_cns.names import AIDS, CLUSTERS, EPOCH
+from ftcore.systems.sins_gps_bd2_cns.names import AID_READINGS, AIDS, CLUSTERS, EPOCH
 from ftcore.systems.sins_gps_bd2_cns.reporter import Detail
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch as RedundantEpoch
 
@@ -41,8 +41,6 @@ Array = NDArray[np.float64]
 N = ins_error.CORE_STATES
 BIASES = slice(9, 15)
 DECAYING = np.arange(9, 15)
-WITHOUT_IMM = np.ones((1, 1))
-"""The transition matrix of a filter with one model."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +94,8 @@ class Navigator:
         self._P0 = self._initial_covariance()
         self._gyro_bias = np.linalg.cholesky(self._imu.bias_covariance()[0])
         self._scale_factor = units.to_si(p.inertial.scale_factor, "ppm")
+        # The axes of the plain IMU are alike: its noise looks the same from any frame.
+        self._plain_density = self._spectrum(self._imu.noise[0])
 
     def initial(self, controls: Controls) -> NavigatorState:
         """Before the first epoch: aligned, everybody trusted."""
@@ -130,15 +130,19 @@ class Navigator:
         state = _master_changed(state, settings)
         if imu.redundant is not None and imu.redundant.changed.any():
             state = _widened(state, _bias_jump(imu.redundant))
-        main, conventional, unprotected, alone = self._predict(state, Phi, Q, settings.propagator_models == "own")
+        own = settings.propagator_models == "own"
+        main, conventional, unprotected, alone = bank.predict(
+            state.main, state.conventional, state.unprotected, state.alone, Phi, Q, self._transition, own
+        )
         probabilities = main.mixture.mu
 
         measured = self._measure(ins, readings, controls)
         m, m_u = measured[0], measured[-1]
         motion = Motion(_raw(state, m), state.reach, state.bias[:, 0])
-        main, examined = fault_tolerant.examine(main, m, motion, settings, True, settings.recovery != "none")
+        of_main, of_conventional = fault_tolerant.compare([main, conventional], m, settings)
+        main, examined = fault_tolerant.examine(main, of_main, m, motion, settings, True, settings.recovery != "none")
         conventional, plain = fault_tolerant.examine(
-            conventional, m, motion, settings, False, settings.recovery == "both"
+            conventional, of_conventional, m, motion, settings, False, settings.recovery == "both"
         )
         conventional, plain_fusion = fault_tolerant.fuse(conventional, plain, plain.beta, settings)
         unprotected = imm.update(unprotected, m_u.y, m_u.H, m_u.R, m_u.valid)[0]
@@ -216,49 +220,35 @@ class Navigator:
         return replace(state, learned=learned, reach=state.reach + step)
 
     def _density(self, interval: Interval, body: Array) -> Array:
-        """Spectral density ``(runs S, 15, 15)`` of Q_small: white noise of the IMU, and what drives its biases."""
-        m = self._p.models
-        count = len(interval.C_nb)
-        Qc = np.zeros((count, N, N))
+        """Spectral density ``(runs S or 1, 15, 15)`` of Q_small: white noise of the IMU, and what drives its biases."""
         if self._imu.solutions == 1:
-            level = np.broadcast_to(body[:, 0], (count, 2, 3, 3))
-        else:
-            C = interval.C_nb[:, None]
-            level = C @ body.reshape(count, 2, 3, 3) @ C.swapaxes(-1, -2)
-        Qc[:, ins_error.ATTITUDE, ins_error.ATTITUDE] = m.noise_scale * level[:, 0]
-        Qc[:, ins_error.VELOCITY, ins_error.VELOCITY] = m.noise_scale * level[:, 1]
-        walk = m.noise_scale * m.bias_instability**2 * 2.0 / m.bias_time * self._imu.bias_covariance()
-        Qc[:, ins_error.GYRO, ins_error.GYRO] = walk[0]
-        Qc[:, ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] = walk[1]
-        return Qc
+            return self._plain_density
+        C = interval.C_nb[:, None]
+        return self._spectrum(C @ body.reshape(-1, 2, 3, 3) @ C.swapaxes(-1, -2))
 
-    def _predict(
-        self, state: NavigatorState, Phi: Array, Q: Array, own: bool
-    ) -> tuple[Branch, Branch, Mixture, Mixture]:
-        """All filters, one epoch on."""
-        one, Q_one = Phi[:, 0], Q[:, 0]
-        return (
-            fault_tolerant.predict(state.main, one, Q_one, self._transition, own),
-            fault_tolerant.predict(state.conventional, one, Q_one[:, :1], WITHOUT_IMM, own),
-            imm.predict(state.unprotected, Phi[:, -1], Q[:, -1], self._transition),
-            imm.predict(state.alone, one[:, None], Q_one[:, None], self._transition),
-        )
+    def _spectrum(self, level: Array) -> Array:
+        """The same from the white noise of gyros and accelerometers in the level frame, ``(..., 2, 3, 3)``."""
+        m = self._p.models
+        Qc = np.zeros((*level.shape[:-3], N, N))
+        Qc[..., ins_error.ATTITUDE, ins_error.ATTITUDE] = m.noise_scale * level[..., 0, :, :]
+        Qc[..., ins_error.VELOCITY, ins_error.VELOCITY] = m.noise_scale * level[..., 1, :, :]
+        walk = m.noise_scale * m.bias_instability**2 * 2.0 / m.bias_time * self._imu.bias_covariance()
+        Qc[..., ins_error.GYRO, ins_error.GYRO] = walk[0]
+        Qc[..., ins_error.ACCELEROMETER, ins_error.ACCELEROMETER] = walk[1]
+        return Qc
 
     def _measure(self, ins: InsState, readings: Readings, controls: Controls) -> list[Measured]:
         """All aids against each strapdown."""
-        groups = [readings["gps.position"], readings["bd2.position"], readings["cns.attitude"]]
         runs, S = self._runs, self._imu.solutions
-        valid = np.concatenate(
-            [
-                np.broadcast_to(group.valid & controls.enabled[name], (runs, 3))
-                for name, group in zip(AIDS, groups, strict=True)
-            ],
-            axis=-1,
-        )
-        values = [np.repeat(np.nan_to_num(group.values), S, axis=0) for group in groups]
-        y, H = measurements.aids(ins, self._chart, *values)
+        values, valid = np.empty((runs, len(AIDS), 3)), np.empty((runs, len(AIDS), 3), bool)
+        for i, (name, quantity) in enumerate(AID_READINGS.items()):
+            group = readings[quantity]
+            values[:, i] = group.values
+            valid[:, i] = group.valid & controls.enabled[name]
+        values = np.where(np.isnan(values), 0.0, values)
+        y, H = measurements.aids(ins, self._chart, np.repeat(values, S, axis=0))
         y, H = y.reshape(runs, S, 9), H.reshape(runs, S, 9, N)
-        return [Measured(y[:, i], H[:, i], self._R, valid) for i in range(S)]
+        return [Measured(y[:, i], H[:, i], self._R, valid.reshape(runs, 9)) for i in range(S)]
 
     def _update_alone(self, alone: Mixture, m: Measured) -> Mixture:
         rows = (self._runs, len(AIDS), 3)

@@ -39,8 +39,14 @@ class Plant:
         self.dt = EPOCH / self.samples
         self.trajectory = fly(p.flight, duration, self.dt)
         self.chart = datum(p.flight)
+        # At the ends of all epochs; the trajectory has its samples.
+        self._C_nb = rpy_to_matrix(self.trajectory.rpy[:: self.samples])
+        self._enu = self.chart.to_metres(self.trajectory.lla[:: self.samples])
+        self._times: Array = (np.arange(self.samples, dtype=np.float64) + 0.5) * self.dt
         i = p.inertial
         self._fitted = slice(0, len(BODY)) if i.configuration == "three-axis" else slice(len(BODY), len(AXES))
+        self._has_reading = np.zeros((1, len(AXES)), bool)
+        self._has_reading[:, self._fitted] = True
         kinds = (
             ("gyro", i.gyro_bias, "deg/h", i.angle_random_walk, "deg/sqrt(h)"),
             ("accelerometer", i.accelerometer_bias, "ug", i.accelerometer_noise, "ug/sqrt(Hz)"),
@@ -70,10 +76,10 @@ class Plant:
         span = slice((epoch - 1) * self.samples, epoch * self.samples)
         end = epoch * self.samples
         rpy = t.rpy[end : end + 1]
-        truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], rpy_to_matrix(rpy))
-        times = np.asarray(now - EPOCH + (np.arange(self.samples) + 0.5) * self.dt, dtype=np.float64)
+        truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], self._C_nb[epoch : epoch + 1], rpy)
+        times = np.add(now - EPOCH, self._times)
         gyro, accelerometer = self.clusters
-        enu = self.chart.to_metres(truth.lla)
+        enu = self._enu[epoch : epoch + 1]
         groups = {
             "imu.gyro": self._inertial(gyro.sense(t.omega_b[None, span], epoch, times, self.dt)),
             "imu.accelerometer": self._inertial(accelerometer.sense(t.f_b[None, span], epoch, times, self.dt)),
@@ -87,9 +93,7 @@ class Plant:
         """The group of all axes there could be, of which those of the IMU that is fitted have a reading."""
         values = np.zeros((len(fitted.values), len(AXES), self.samples))
         values[:, self._fitted] = fitted.values
-        valid = np.zeros((1, len(AXES)), bool)
-        valid[:, self._fitted] = True
-        return Group(values, valid, fitted.times)
+        return Group(values, self._has_reading, fitted.times)
 
     def alignment(self) -> InsState:
         """What the navigator is told at the start: the truth with the alignment's errors, ``(runs, ...)``."""

@@ -13,7 +13,7 @@ from ftcore import earth, units
 from ftcore.estimation.strapdown import InsState
 from ftcore.noise import NoiseSource
 from ftcore.readings import Readings
-from ftcore.rotation import rotvec_to_matrix
+from ftcore.rotation import rotvec_to_matrix, rpy_to_matrix
 from ftcore.sensors import altimeter, doppler, gnss
 from ftcore.sensors.inertial import AxisCluster
 from ftcore.systems.reporting import Truth
@@ -41,6 +41,8 @@ class Plant:
         self.samples = max(1, round(p.inertial.rate * EPOCH))
         self.dt = EPOCH / self.samples
         self.trajectory = fly(p.flight, duration, self.dt)
+        self._times: Array = (np.arange(self.samples, dtype=np.float64) + 0.5) * self.dt
+        self._C_nb = rpy_to_matrix(self.trajectory.rpy[:: self.samples])
         i, a = p.inertial, p.aiding
         self.gyro = AxisCluster.drawn(
             "imu.gyro",
@@ -76,8 +78,8 @@ class Plant:
         now = epoch * EPOCH
         span = slice((epoch - 1) * self.samples, epoch * self.samples)
         end = epoch * self.samples
-        truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], t.C_nb[end : end + 1])
-        times = np.asarray(now - EPOCH + (np.arange(self.samples) + 0.5) * self.dt, dtype=np.float64)
+        truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], self._C_nb[epoch : epoch + 1], t.rpy[end : end + 1])
+        times = np.add(now - EPOCH, self._times)
         clock = state.clock.step(EPOCH, p.clock_phase_noise, p.clock_frequency_noise, self._noise, epoch)
         position, velocity = constellation.satellite_states(p.constellation_time + now)
         sight = constellation.line_of_sight(truth.lla[0], position)
@@ -119,7 +121,7 @@ class Plant:
         lla = t.lla[0] + np.stack([north, east / math.cos(t.lla[0, 0]), up], axis=-1)
         v_n = t.v_n[0] + initial.velocity * draw("initial.velocity", 0, (3,))
         tilt = np.array([initial.tilt, initial.tilt, initial.azimuth]) * draw("initial.attitude", 0, (3,))
-        return InsState(lla, v_n, rotvec_to_matrix(tilt) @ t.C_nb[0])
+        return InsState(lla, v_n, rotvec_to_matrix(tilt) @ self._C_nb[0])
 
     def calibration(self) -> tuple[Array, Array]:
         """Mean readings of all axes over a standstill before the flight, gyros and accelerometers, ``(runs, k)``."""

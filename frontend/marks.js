@@ -1,6 +1,6 @@
 /**
  * Events to what is drawn through charts and timeline: stretches of time and single points.
- * @import {Event, Span, Point, SystemDescription, View} from './types'
+ * @import {Event, Experiment, Span, Point, SystemDescription, View} from './types'
  */
 import { clock, quantity, number, words, capital } from './format.js';
 
@@ -102,6 +102,14 @@ export function unseen(description, view) {
   const items = (description?.scene ?? []).filter((item) => item.channel && view?.items?.[item.id]);
   const away = items.filter((item) => !view?.items[item.id].visible);
   return new Set(away.length === items.length ? [] : away.map((item) => String(item.channel)));
+}
+
+/**
+ * Channels that the open experiment has: what is described, less what is not fitted.
+ * @param {{description: SystemDescription | null, experiment: Experiment | null}} state
+ */
+export function fitted({ description, experiment }) {
+  return (description?.channels ?? []).filter((c) => !(c.name in (experiment?.unavailable ?? {})));
 }
 
 /** @param {string} channel @param {SystemDescription | null} description */

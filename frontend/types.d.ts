@@ -51,6 +51,7 @@ export interface SubsystemState { enabled: boolean; used: boolean; health: Healt
 export interface Experiment {
   id: string; title: string; system: string; seed: number; scenario: { id: string; title: string; hint: string };
   clock: Clock; faults: Fault[]; subsystems: Record<string, SubsystemState>; settings: Record<string, unknown>;
+  unavailable: Record<string, string>;
   parent: string | null; ghost_of: string | null; watchers: number; spare: boolean;
 }
 export interface Event { index: number; time: number; run: number; kind: string; subject: string; detail: Record<string, any> }

@@ -84,8 +84,10 @@ def live(fault: Fault, now: float, channels: Channels) -> LiveFault:
     return LiveFault(fault, unit_of(fault, channels), state)
 
 
-def inject(operator: Operator, fault: Fault, now: float, channels: Channels) -> tuple[Operator, Fault]:
-    """Lay a fault over a channel; start defaults to now, an id is given where there is none."""
+def inject(
+    operator: Operator, fault: Fault, now: float, channels: Channels, absent: Mapping[str, str]
+) -> tuple[Operator, Fault]:
+    """Lay a fault over a channel that is not ``absent``; start defaults to now, an id is given where there is none."""
     if len(operator.faults) >= MAX_FAULTS:
         raise CommandError("fault", f"there are {MAX_FAULTS} faults already, the most one flight takes")
     number = operator.next_id
@@ -98,15 +100,17 @@ def inject(operator: Operator, fault: Fault, now: float, channels: Channels) -> 
     if fault.end is not None and fault.end <= start:
         raise CommandError("end", f"end is {fault.end:g} s, which is not after the start at {start:g} s")
     injected = fault.model_copy(update={"id": fault.id or f"f{number}", "start": start})
-    try:
-        check(injected, channels)
-    except FaultError as error:
-        raise CommandError(error.field, str(error)) from None
+    _checked(injected, channels, absent)
     return replace(operator, faults=(*operator.faults, injected), next_id=number + 1), injected
 
 
 def change(
-    operator: Operator, fault_id: str, fields: Mapping[str, Any], now: float, channels: Channels
+    operator: Operator,
+    fault_id: str,
+    fields: Mapping[str, Any],
+    now: float,
+    channels: Channels,
+    absent: Mapping[str, str],
 ) -> tuple[Operator, Fault]:
     """Change fields of a fault that is armed or active."""
     old = operator.find(fault_id)
@@ -118,12 +122,20 @@ def change(
         raise CommandError("start", "start of a fault that is there cannot be none; give a time in seconds")
     try:
         new = Fault.model_validate(old.model_dump() | dict(fields))
-        check(new, channels)
-    except FaultError as error:
-        raise CommandError(error.field, str(error)) from None
     except ValidationError as error:
         raise refusal(error, "end") from None
+    _checked(new, channels, absent)
     return replace(operator, faults=tuple(new if f.id == fault_id else f for f in operator.faults)), new
+
+
+def _checked(fault: Fault, channels: Channels, absent: Mapping[str, str]) -> None:
+    """Refuse a fault that its channel cannot take, or for which there is none."""
+    try:
+        check(fault, channels)
+    except FaultError as error:
+        raise CommandError(error.field, str(error)) from None
+    if fault.channel in absent:
+        raise CommandError("channel", f"{fault.channel} is not there: {absent[fault.channel]}")
 
 
 def clear(operator: Operator, fault_id: str, now: float, channels: Channels) -> tuple[Operator, Fault]:

@@ -119,8 +119,11 @@ class Simulation:
         self._recording = Recording(self.description.signals, runs, self.period, max_epochs)
         self._events: list[Event] = []
         self._log: list[Command] = []
-        for fault in scenario.faults:
-            self._inject(fault.model_copy(update={"start": fault.start or 0.0}))
+        for i, fault in enumerate(scenario.faults):
+            try:
+                self._inject(fault.model_copy(update={"start": fault.start or 0.0}))
+            except CommandError as error:
+                raise CommandError(f"faults.{i}.{error.field}", str(error)) from None
         self._operators: list[tuple[int, Operator]] = [(0, self._operator)]
         self._every = 1
         self._checkpoints: dict[int, State] = {0: self._state}
@@ -183,6 +186,11 @@ class Simulation:
             used = enabled if i is None else enabled and bool(self._state.used[0, i])
             result[name] = SubsystemState(enabled, used, health)
         return result
+
+    @property
+    def unavailable(self) -> Mapping[str, str]:
+        """Channels of the description that cannot fail here because they are not there, and why."""
+        return self._assembly.absent
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -330,7 +338,8 @@ class Simulation:
 
     def change(self, fault_id: str, **fields: Any) -> Fault:
         """Change magnitude, end or another field of a fault that is armed or active. Raises CommandError."""
-        self._operator, new = desk.change(self._operator, fault_id, fields, self.now, self._channels)
+        absent = self._assembly.absent
+        self._operator, new = desk.change(self._operator, fault_id, fields, self.now, self._channels, absent)
         self._fault_event("fault.changed", new)
         self._given(Change(action="change", time=self.now, fault=fault_id, fields=fields))
         return new
@@ -378,7 +387,8 @@ class Simulation:
         return after, truth, output
 
     def _inject(self, fault: Fault) -> Fault:
-        self._operator, injected = desk.inject(self._operator, fault, self.now, self._channels)
+        absent = self._assembly.absent
+        self._operator, injected = desk.inject(self._operator, fault, self.now, self._channels, absent)
         self._fault_event("fault.injected", injected)
         return injected
 

@@ -287,6 +287,7 @@ class Experiment:
                 for name, status in simulation.subsystems.items()
             },
             settings=simulation.settings,
+            unavailable=dict(simulation.unavailable),
             parent=self.parent,
             ghost_of=self.ghost_of,
             spare=self.spare,

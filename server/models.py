@@ -143,6 +143,7 @@ class ExperimentState(Answer):
     faults: list[FaultState]
     subsystems: dict[str, SubsystemStatus]
     settings: dict[str, Any]
+    unavailable: dict[str, str] = Field(description="channels that this experiment has not, and what would bring them")
     parent: str | None = Field(description="the experiment this one was forked from")
     ghost_of: str | None = Field(description="the experiment this one is the fault-free twin of")
     spare: bool = Field(description="whether a page may take it over, or delete it, while nobody has touched it")

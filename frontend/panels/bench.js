@@ -3,7 +3,7 @@ import { Panel, fill, freshId, h, setText } from '../dom.js';
 import { Problem, commands } from '../api.js';
 import { numberIn, resolved } from '../schema.js';
 import { capital, clock, unitText, words } from '../format.js';
-import { faultText, subjectLabel, unseen } from '../marks.js';
+import { faultText, fitted, subjectLabel, unseen } from '../marks.js';
 import { store } from '../store.js';
 import { id, inject, say } from '../actions.js';
 import { curlButton } from './curl.js';
@@ -45,7 +45,7 @@ export class Bench extends Panel {
       this.#field('magnitude', 'Magnitude', this.magnitude, this.unit), this.extra,
       this.#field('start', 'Start', this.start, seconds()), this.#field('end', 'End', this.end, seconds()),
       h('div', { class: 'buttons' }, this.button, curlButton(() => commands.inject(id(), this.#fault()), 'this injection'))));
-    this.watch((s) => s.description, () => {
+    this.watch((s) => [s.description, Object.keys(s.experiment?.unavailable ?? {}).join(' ')], () => {
       if (this.search) this.search.value = '';
       this.#picked = false;
       this.#list();
@@ -77,7 +77,7 @@ export class Bench extends Panel {
   }
 
   #channels() {
-    return store.get().description?.channels ?? [];
+    return fitted(store.get());
   }
 
   /** @param {string} name @param {string} label @param {HTMLInputElement | HTMLSelectElement} input @param {HTMLElement} [unit] */

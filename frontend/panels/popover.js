@@ -2,7 +2,7 @@
 import { Panel, fill, h } from '../dom.js';
 import { HEALTH, healthSign } from '../health.js';
 import { commands } from '../api.js';
-import { faultText, unseen } from '../marks.js';
+import { faultText, fitted, unseen } from '../marks.js';
 import { store } from '../store.js';
 import { chooseChannel, clear, id, switchSubsystem } from '../actions.js';
 import { curlButton } from './curl.js';
@@ -79,7 +79,8 @@ export class BlockPopover extends Panel {
     if (!sensor || !description) return null;
     const live = (experiment?.faults ?? []).filter((f) => f.channel.startsWith(sensor) && f.state !== 'ended');
     const absent = unseen(description, view);
-    const channels = description.channels.filter((c) => c.name.startsWith(sensor));
+    const channels = fitted({ description, experiment }).filter((c) => c.name.startsWith(sensor));
+    if (!channels.length) return null;
     const present = channels.filter((c) => !absent.has(c.name));
     const choose = (/** @type {string} */ channel) => {
       this.#anchor = null;

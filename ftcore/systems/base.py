@@ -125,6 +125,8 @@ class Assembly:
         subjects: names behind the health columns.
         period: seconds between epochs where the experiment decides it (a receiver's log); the description's if None.
         epochs: how many there are where the world ends (a log); no end if None.
+        absent: channels of the description that this experiment has not, and why, in words that say what would bring
+            them.
     """
 
     plant: Plant
@@ -134,6 +136,7 @@ class Assembly:
     subjects: tuple[str, ...]
     period: float | None = None
     epochs: int | None = None
+    absent: Mapping[str, str] = field(default_factory=dict)
 
 
 class System(Protocol):

@@ -69,6 +69,18 @@ def test_channels_are_found_by_name(lab: Lab) -> None:
     expect(channel).to_contain_text("no channel matches")
 
 
+def test_channels_that_are_not_fitted_are_not_offered(lab: Lab) -> None:
+    experiment = lab.rest("POST", "/experiments", {"scenario": "yang-2016-scenario-1"})
+    missing = set(experiment["unavailable"])
+    described = {c["name"] for c in lab.rest("GET", "/systems/sins-gps-bd2-cns")["channels"]}
+    lab.open(f"/?experiment={experiment['id']}")
+    channel = lab.page.locator("ft-bench select[name=channel]")
+    expect(channel.locator("option[value='imu.gyro.x']")).to_have_count(1)
+    offered = set(channel.locator("option").evaluate_all("all => all.map((one) => one.value)"))
+    assert missing
+    assert offered == described - missing
+
+
 def test_the_curl_command_does_what_the_button_does(lab: Lab, context: object) -> None:
     context.grant_permissions(["clipboard-read", "clipboard-write"])  # type: ignore[attr-defined]
     lab.without_scene()

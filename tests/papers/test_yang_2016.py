@@ -59,14 +59,18 @@ def test_table_4_with_the_imm_gps_is_falsely_accused_less_than_1_percent_and_ten
 
 @pytest.mark.long
 def test_the_conventional_filter_suffers_from_its_own_rejections_more_than_from_its_model():
-    """With FTLab's recovery it is several times better, and still several times worse than the IMM."""
+    """Given FTLab's ways out of a wrong reference it is as good as the IMM: the paper's ten-fold claim rests on the
+    published filter having none."""
     sim = flown("yang-2016-scenario-1", runs=5, until=1500.0, calm=True, recovery="both")
     imm, plain = (
         alarms(sim, "gps", 1.0, 1500.0, test).mean() for test in ("two-propagator", "two-propagator-without-imm")
     )
     published = alarms(flown("yang-2016-scenario-1", calm=True), "gps", 1.0, 1500.0, "two-propagator-without-imm")
-    print(f"without IMM: {100 * plain:.1f} % with recovery, {100 * published.mean():.1f} % without")
-    assert 2.0 * imm < plain < 0.5 * published.mean()
+    print(
+        f"without IMM: {100 * plain:.1f} % with recovery, {100 * published.mean():.1f} % without; IMM {100 * imm:.1f} %"
+    )
+    assert plain < 0.1 * published.mean()
+    assert imm <= 0.01
 
 
 def test_table_5_the_hard_failure_is_found_by_1202_s_and_over_by_1263_s():

@@ -190,3 +190,15 @@ def test_one_experiment_that_breaks_down_leaves_others_alone(client: TestClient)
     assert doomed.do("POST", "/rewind", {"to": 0.5})["clock"] == clock | {
         "state": "paused", "epoch": 5, "time": 0.5, "reason": None
     }  # fmt: skip
+
+
+def test_a_fault_on_what_is_not_fitted_is_refused_at_its_channel(client: TestClient) -> None:
+    """Of two IMUs one is fitted; the experiment says which channels it lacks, and what would bring them."""
+    made = client.post(f"{API}/experiments", json={"scenario": "yang-2016-scenario-1"}).json()
+    reason = made["unavailable"]["imu.gyro.1x"]
+    fault = {"channel": "imu.gyro.1x", "kind": "bias", "magnitude": 5.0}
+    answer = client.post(f"{API}/experiments/{made['id']}/faults", json=fault)
+    assert answer.status_code == 409
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert reason in answer.json()["detail"]
+    assert client.get(f"{API}/experiments/{made['id']}").json()["faults"] == made["faults"]

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
+
+import numpy as np
 
 from ftcore.noise import NoiseSource
 from ftcore.systems.base import Assembly
 from ftcore.systems.gps_receiver.description import description
 from ftcore.systems.gps_receiver.forms import Parameters, Settings
-from ftcore.systems.gps_receiver.names import EPOCH, SUBJECTS, TESTS
+from ftcore.systems.gps_receiver.names import EPOCH, PRNS, SATELLITES, SUBJECTS, TESTS
 
 
 class GpsReceiver:
@@ -31,11 +34,16 @@ class GpsReceiver:
 
         p: Parameters = parameters
         if p.log is None:
-            return Assembly(SimulatedPlant(p, noise), Navigator(p, len(runs), EPOCH), Reporter(), TESTS, SUBJECTS)
+            absent = _absent(PRNS, "it is a satellite of a receiver's log; the simulated receiver sees slots A1 to F4")
+            plant: Any = SimulatedPlant(p, noise)
+            return Assembly(plant, Navigator(p, len(runs), EPOCH), Reporter(), TESTS, SUBJECTS, absent=absent)
         log = rinex.read(p.log.observation, p.log.navigation)
         dt = log.interval
         plant = LogPlant(log, p.log, len(runs))
-        return Assembly(plant, Navigator(p, len(runs), dt), Reporter(), TESTS, SUBJECTS, period=dt, epochs=len(log))
+        seen = [prn for prn, ranges in zip(PRNS, log.pseudorange.T, strict=True) if np.isfinite(ranges).any()]
+        absent = _absent(set(SATELLITES) - set(seen), f"the log has no pseudorange of it; it has {', '.join(seen)}")
+        navigator = Navigator(p, len(runs), dt)
+        return Assembly(plant, navigator, Reporter(), TESTS, SUBJECTS, dt, len(log), absent)
 
     def log_scenario(
         self, observation: str, navigation: str, antenna: tuple[float, float, float] | None, max_epochs: int
@@ -44,3 +52,8 @@ class GpsReceiver:
         from ftcore.systems.gps_receiver.logs import log_scenario
 
         return log_scenario(observation, navigation, antenna, max_epochs)
+
+
+def _absent(satellites: Iterable[str], reason: str) -> dict[str, str]:
+    """Channels of these satellites, with the reason."""
+    return {f"gps.pseudorange.{name}": reason for name in sorted(satellites)}

@@ -8,7 +8,7 @@ from ftcore.noise import NoiseSource
 from ftcore.systems.base import Assembly
 from ftcore.systems.sins_gps_bd2_cns.description import description
 from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
-from ftcore.systems.sins_gps_bd2_cns.names import SUBJECTS, TESTS
+from ftcore.systems.sins_gps_bd2_cns.names import BODY, CLUSTERS, PAIRS, SUBJECTS, TESTS
 
 
 class SinsGpsBd2Cns:
@@ -30,4 +30,12 @@ class SinsGpsBd2Cns:
         axes = input_axes(p)
         plant = Plant(p, axes, duration, noise)
         navigator = Navigator(p, plant.chart, len(runs), plant.alignment(), plant.calibration())
-        return Assembly(plant, navigator, Reporter(axes, Sky(p.aiding)), TESTS, SUBJECTS)
+        return Assembly(plant, navigator, Reporter(axes, Sky(p.aiding)), TESTS, SUBJECTS, absent=_absent(p))
+
+
+def _absent(p: Parameters) -> dict[str, str]:
+    """Channels of the IMU that is not fitted."""
+    fitted = p.inertial.configuration
+    other, axes = {"three-axis": ("redundant", PAIRS), "redundant": ("three-axis", BODY)}[fitted]
+    reason = f"the {fitted} IMU is fitted; parameter inertial.configuration = {other!r} brings this channel"
+    return {f"imu.{cluster}.{axis}": reason for cluster in CLUSTERS for axis in axes}

@@ -211,10 +211,13 @@ def failed_output(estimate: Estimate, H: Array) -> tuple[Array, Array]:
     return np.matvec(H, estimate.x), H @ estimate.P @ H.swapaxes(-1, -2)
 
 
-def start(x0: Array, P0: Array, sharing: Sharing) -> Bank:
-    """A federation that together knows x0 (runs, n) with covariance P0 (runs, n, n), each filter its part of it."""
+def start(x0: Array, P0: Array, sharing: Sharing, members: Mask | None = None) -> Bank:
+    """A federation that together knows x0 (runs, n) with covariance P0 (runs, n, n), each filter its part of it.
+
+    `members` (runs, N) as in `noise_factors`; everyone by default.
+    """
     everyone = np.ones((1, len(sharing.shares)), dtype=bool)
-    return _split(Estimate(x0, P0), noise_factors(sharing, everyone))
+    return _split(Estimate(x0, P0), noise_factors(sharing, everyone if members is None else members))
 
 
 def noise_factors(sharing: Sharing, members: Mask) -> Array:

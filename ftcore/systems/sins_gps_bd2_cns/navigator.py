@@ -24,7 +24,7 @@ from ftcore.estimation.imm import Mixture
 from ftcore.estimation.strapdown import InsState, Interval, propagate
 from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Flags, Notice, Output
-from ftcore.systems.sins_gps_bd2_cns import bank, measurements
+from ftcore.systems.sins_gps_bd2_cns import bank, exclusion, measurements
 from ftcore.systems.sins_gps_bd2_cns import branch as fault_tolerant
 from ftcore.systems.sins_gps_bd2_cns import federation as federated_master
 from ftcore.systems.sins_gps_bd2_cns.branch import Branch, Examined, Measured, Motion
@@ -148,7 +148,7 @@ class Navigator:
         unprotected = imm.update(unprotected, m_u.y, m_u.H, m_u.R, m_u.valid)[0]
         alone = self._update_alone(alone, m)
 
-        decision, supervision = self._decide(state.supervisor, examined, controls, rules)
+        supervision, decision = exclusion.decide(state.supervisor, examined, m, controls, rules)
         federation = state.federation
         if federation is not None:
             used = decision.use & examined.driving.present
@@ -163,6 +163,15 @@ class Navigator:
             main, fusion = fault_tolerant.fuse(main, examined, beta, settings)
             used = (beta > 0.0) & examined.driving.present
             fused = Estimate(fusion.x, fusion.P)
+        forgotten = exclusion.forgets(decision, settings)
+        if forgotten.any():
+            main = fault_tolerant.go_back(main, forgotten)
+            known = Estimate(*main.pair.estimate())
+            if federation is not None:
+                federation = federated_master.restart(federation, known, forgotten)
+            fused = Estimate(
+                np.where(forgotten[:, None], known.x, fused.x), np.where(forgotten[:, None, None], known.P, fused.P)
+            )
 
         turned, corrected = state.turned + 1, state.corrected + 1
         if turned >= settings.propagator_period:
@@ -193,7 +202,7 @@ class Navigator:
         detail = self._detail(after, estimates, fusion.alpha, examined, imu)
         if corrected >= settings.feedback_period:
             after = self._correct(after, fused.x)
-        return after, self._output(examined, plain, imu, decision, used, detail)
+        return after, self._output(examined, plain, imu, decision, used, forgotten, detail)
 
     # ---- parts of an epoch ----------------------------------------------------------------------------------------
 
@@ -254,16 +263,6 @@ class Navigator:
         rows = (self._runs, len(AIDS), 3)
         y, H, valid = m.y.reshape(rows), m.H.reshape(*rows, N), m.valid.reshape(rows)
         return imm.update(alone, y, H, self._R.reshape(1, *rows[1:]), valid)[0]
-
-    def _decide(
-        self, state: supervisor.State, examined: Examined, controls: Controls, rules: supervisor.Rules
-    ) -> tuple[supervisor.Decision, supervisor.State]:
-        """Who is suspected, isolated and readmitted by the driving test."""
-        driving = examined.driving
-        alarm = driving.alarm & ~examined.believed & (controls.settings.driving_test != "none")
-        enabled = np.array([[controls.enabled[name] for name in AIDS]])
-        after, decision = supervisor.step(state, alarm, driving.present & ~alarm & ~examined.moved, enabled, rules)
-        return decision, after
 
     def _correct(self, state: NavigatorState, dx: Array) -> NavigatorState:
         """Feedback of period T_4: the strapdown loses its estimated errors, and every filter counts from there."""
@@ -331,6 +330,7 @@ class Navigator:
         imu: ImuEpoch,
         decision: supervisor.Decision,
         used: Flags,
+        forgotten: Flags,
         detail: Detail,
     ) -> Output:
         assert examined.state is not None  # the main filter has both forms
@@ -351,7 +351,7 @@ class Navigator:
             alarm=both[3],
             health=np.concatenate([decision.health, imu.health], axis=-1).astype(np.int8),
             used=np.concatenate([used, imu.used], axis=-1),
-            notices=_notices(examined, imu),
+            notices=_notices(examined, forgotten, imu),
             detail=detail,
         )
 
@@ -399,10 +399,11 @@ def _widened(state: NavigatorState, jump: Array) -> NavigatorState:
     )
 
 
-def _notices(examined: Examined, imu: ImuEpoch) -> list[Notice]:
+def _notices(examined: Examined, forgotten: Flags, imu: ImuEpoch) -> list[Notice]:
     notices = []
-    if examined.rescued.any():
-        notices.append(Notice("filter.reset", "propagators", examined.rescued, {}))
+    for subject, where in (("propagators", examined.rescued), ("fusion", forgotten)):
+        if where.any():
+            notices.append(Notice("filter.reset", subject, where, {}))
     if imu.redundant is not None and imu.redundant.changed.any():
         numbers = {
             f"{name}s_used": imu.redundant.used[:, c].sum(axis=-1).astype(float) for c, name in enumerate(CLUSTERS)

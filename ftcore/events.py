@@ -77,7 +77,7 @@ def edges(
     subjects: Sequence[str],
 ) -> Iterator[Raw]:
     """Events of one epoch: alarms that rose or fell, health that changed, and the navigator's notices."""
-    for run, column in np.argwhere(output.alarm != alarm_before).tolist():
+    for run, column in _where(output.alarm != alarm_before):
         name, subject = tests[column]
         kind = "test.alarmed" if output.alarm[run, column] else "test.cleared"
         yield (
@@ -91,7 +91,7 @@ def edges(
                 "dof": float(output.dof[run, column]),
             },
         )
-    for run, column in np.argwhere(output.health != health_before).tolist():
+    for run, column in _where(output.health != health_before):
         before, after = HEALTH[health_before[run, column]], HEALTH[output.health[run, column]]
         change: str | None = _BECAME.get(after)
         if after == "ok" and before == "isolated":
@@ -114,6 +114,12 @@ def edges(
                 for name, value in notice.numbers.items()
             }
             yield run, notice.kind, notice.subject, numbers
+
+
+def _where(changed: Flags) -> Iterator[tuple[int, int]]:
+    """Run and column of what is True, ``(runs, columns)``."""
+    run, column = np.nonzero(changed)
+    return zip(run.tolist(), column.tolist(), strict=True)
 
 
 def _number(value: Any) -> float | None:

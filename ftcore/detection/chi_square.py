@@ -93,7 +93,12 @@ def state_chi_square(
     Shapes: x (runs, n), P (runs, n, n). Source: (40)-(52).
     """
     beta, W = x1 - x2, P2 - P1
-    statistic, rank, eigenvalues = by_rank(beta, W, np.diagonal(P2, axis1=-2, axis2=-1))
+    variance = np.diagonal(P2, axis1=-2, axis2=-1)
+    # A state that no measurement reached in any run has a row of zeros, an eigenvalue that need not be computed.
+    gained = np.diagonal(W, axis1=-2, axis2=-1)
+    reached = np.flatnonzero((gained != 0.0).reshape(-1, gained.shape[-1]).any(axis=0))
+    among = W[..., reached[:, None], reached]
+    statistic, rank, eigenvalues = by_rank(beta[..., reached], among, variance[..., reached])
     dof, limit, alarm = decide(statistic, rank, p_fa)
     return TestResult(name, subject, statistic, dof, limit, alarm, beta, W, {"eigenvalues": eigenvalues})
 
@@ -104,11 +109,6 @@ def by_rank(beta: Array, W: Array, variance: Array) -> tuple[Array, Ints, Array]
     Returns the statistic, how many directions of W count, (...), and all its scaled eigenvalues; `state_chi_square`.
     """
     scale = 1.0 / np.sqrt(np.where(variance > 0.0, variance, np.inf))
-    # A state that no measurement reached in any run has a row of zeros, an eigenvalue that need not be computed.
-    gained = np.diagonal(W, axis1=-2, axis2=-1)
-    reached = np.flatnonzero((gained != 0.0).reshape(-1, gained.shape[-1]).any(axis=0))
-    if len(reached) < gained.shape[-1]:
-        beta, scale, W = beta[..., reached], scale[..., reached], W[..., reached[:, None], reached]
     eigenvalues, V = np.linalg.eigh(W * (scale[..., :, None] * scale[..., None, :]))
     known = eigenvalues > RANK_TOLERANCE
     whitened = np.vecmat(beta * scale, V) / np.sqrt(np.where(known, eigenvalues, np.inf))

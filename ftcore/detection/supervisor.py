@@ -28,6 +28,8 @@ HEALTHY, SUSPECT, ISOLATED, OFF = 0, 1, 2, 3
 Health = NDArray[np.int8]
 
 _LONGEST_WINDOW = 63  # alarms of the window are the bits of one integer
+_ISOLATED, _OFF = np.int8(ISOLATED), np.int8(OFF)
+_ONE, _NONE = np.uint64(1), np.uint64(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +124,8 @@ def step(state: State, alarms: Mask, admission_ok: Mask, enabled: Mask, rules: R
     good = np.where(out, admission_ok, inside & ~alarm)
     streak = np.where(good, np.where(returning, rules.hold_off - 1, state.streak) + 1, 0)
     # One that is out leaves its history behind: alarms from before its isolation do not count when it is back.
-    history = np.where(inside, (state.history << np.uint64(1) | alarm) & np.uint64(2**rules.window - 1), np.uint64(0))
+    window = np.uint64(2**rules.window - 1)
+    history = np.where(inside, (state.history << _ONE | alarm) & window, _NONE)
     count = np.bitwise_count(history)
 
     readmitted = out & (streak >= rules.hold_off)
@@ -138,7 +141,7 @@ def step(state: State, alarms: Mask, admission_ok: Mask, enabled: Mask, rules: R
     if protected is not None:
         use = use | protected
 
-    health = (suspect + 2 * isolated + 3 * ~enabled).astype(np.int8)
+    health = suspect + _ISOLATED * isolated + _OFF * ~enabled
     decision = Decision(
         use=use,
         health=health,

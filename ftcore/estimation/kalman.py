@@ -135,19 +135,21 @@ def update(x: Array, P: Array, y: Array, H: Array, R: Array, valid: Mask | None 
 def nees(error: Array, P: Array) -> Array:
     """Normalised estimation error squared, e' P^-1 e: chi-square on n while P tells the truth.
 
-    Shapes: error (..., n), P (..., n, n); returns (...). P is brought to unit diagonal first, so states may differ in
-    units by many orders. Raises `numpy.linalg.LinAlgError` when P is not positive definite.
+    Shapes: error (..., n), P (..., n, n); returns (...), NaN where the error is not finite. P is brought to unit
+    diagonal first, so states may differ in units by many orders. Raises `numpy.linalg.LinAlgError` when P is not
+    positive definite.
     Source: Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation (2001), 5.4.
     """
     n = P.shape[-1]
     scale = 1.0 / np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
+    known = np.asarray(np.isfinite(error).all(axis=-1))
     # Below the factor L of P, that of [P e; e' c] has the row (L^-1 e)', whatever c is: no inverse is needed.
     bordered = np.empty((*np.broadcast_shapes(P.shape[:-2], error.shape[:-1]), n + 1, n + 1))
     np.multiply(P, scale[..., :, None] * scale[..., None, :], out=bordered[..., :n, :n])
-    bordered[..., n, :n] = bordered[..., :n, n] = error * scale
+    bordered[..., n, :n] = bordered[..., :n, n] = np.where(known[..., None], error * scale, 0.0)
     bordered[..., n, n] = _CORNER
     whitened = cholesky(bordered)[..., n, :n]
-    return np.asarray(np.vecdot(whitened, whitened))
+    return np.where(known, np.vecdot(whitened, whitened), np.nan)
 
 
 def nis(inn: Innovation) -> Array:

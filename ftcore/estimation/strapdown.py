@@ -85,7 +85,7 @@ def propagate(state: InsState, omega_b: Array, f_b: Array, dt: float) -> tuple[I
         raise ValueError(f"samples must be (runs, N, 3) with N >= 1; got omega_b {omega_b.shape} and f_b {f_b.shape}")
     if not dt > 0.0:
         raise ValueError(f"dt must be positive; got {dt}")
-    runs, count, _ = np.broadcast_shapes(omega_b.shape, f_b.shape)
+    runs, count = max(len(omega_b), len(f_b)), omega_b.shape[1]
     block = max(1, _BLOCK_SAMPLES // count)
     if runs <= block:
         sums = _fast(omega_b, f_b, dt)
@@ -128,7 +128,7 @@ def _fast(omega_b: Array, f_b: Array, dt: float) -> Array:
     Arrays here lead with the component and end with the samples, so that each operation runs over contiguous numbers.
     Components are stored as x, y, z, x, y: both terms of a cross product are then slices.
     """
-    runs, count, _ = np.broadcast_shapes(omega_b.shape, f_b.shape)
+    runs, count = max(len(omega_b), len(f_b)), omega_b.shape[1]
     increments = np.empty((2, 3, runs, count))
     np.multiply(omega_b.transpose(2, 0, 1), dt, out=increments[0])
     np.multiply(f_b.transpose(2, 0, 1), dt, out=increments[1])

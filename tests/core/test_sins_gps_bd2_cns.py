@@ -50,7 +50,7 @@ def test_given_truth_is_scrambled_after_the_readings_then_no_estimate_and_no_dec
 
     def scrambled(state, epoch, command):
         after, truth, readings = step(state, epoch, command)
-        wild = {name: np.full_like(getattr(truth, name), np.nan) for name in ("lla", "v_n", "C_nb")}
+        wild = {name: np.full_like(getattr(truth, name), np.nan) for name in ("lla", "v_n", "C_nb", "rpy")}
         return after, replace(truth, **wild), readings
 
     blind._assembly = replace(blind._assembly, plant=type("Scrambled", (), {"step": staticmethod(scrambled)})())

@@ -13,7 +13,6 @@ noise.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from ftcore.estimation import imm, kalman
 from ftcore.estimation.imm import Mixture
-from ftcore.systems.sins_gps_bd2_cns.branch import Branch
+from ftcore.systems.sins_gps_bd2_cns.branch import Branch, carried
 
 Array = NDArray[np.float64]
 
@@ -61,20 +60,10 @@ def predict(
     noise = _noise(Q, np.exp(drifting if own else mixed.log_mu[:, :1]))
     x, P = kalman.predict(x, P, Phi if Phi.shape[1] == 1 else Phi[:, INS], noise)
     log_mu = mixed.log_mu
+    one = Mixture(x[:, CONVENTIONAL], P[:, CONVENTIONAL], conventional.mixture.log_mu)
     return (
-        replace(
-            main,
-            mixture=Mixture(x[:, MAIN], P[:, MAIN], log_mu[:, 0]),
-            pair=replace(main.pair, x=x[:, PAIR], P=P[:, PAIR]),
-            age=main.age + 1.0,
-            drifting=drifting,
-        ),
-        replace(
-            conventional,
-            mixture=replace(conventional.mixture, x=x[:, CONVENTIONAL], P=P[:, CONVENTIONAL]),
-            pair=replace(conventional.pair, x=x[:, CONVENTIONAL_PAIR], P=P[:, CONVENTIONAL_PAIR]),
-            age=conventional.age + 1.0,
-        ),
+        carried(main, Mixture(x[:, MAIN], P[:, MAIN], log_mu[:, 0]), x[:, PAIR], P[:, PAIR], drifting),
+        carried(conventional, one, x[:, CONVENTIONAL_PAIR], P[:, CONVENTIONAL_PAIR], conventional.drifting),
         Mixture(x[:, UNPROTECTED], P[:, UNPROTECTED], log_mu[:, 1]),
         Mixture(x[:, ALONE].reshape(alone.x.shape), P[:, ALONE].reshape(alone.P.shape), log_mu[:, 2:]),
     )

@@ -156,7 +156,7 @@ class Imu:
             samples = group.values[:, : len(BODY)]
             if not group.valid[:, : len(BODY)].all():
                 samples = np.where(group.valid[:, : len(BODY), None], samples, held[:, i, :, None])
-            means.append(samples.mean(axis=-1))
+            means.append(samples.sum(axis=-1) / samples.shape[-1])
             found.append(samples.swapaxes(-1, -2))
         return np.stack(means, axis=1), found
 

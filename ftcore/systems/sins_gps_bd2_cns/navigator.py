@@ -308,8 +308,8 @@ class Navigator:
         runs, S = self._runs, self._imu.solutions
         ins = InsState(*(v.reshape(runs, S, *v.shape[1:]) for v in (state.ins.lla, state.ins.v_n, state.ins.C_nb)))
         *single, (x_alone, P_alone) = estimates
-        x = np.concatenate([np.stack([x for x, _ in single], axis=1), x_alone], axis=1)
-        P = np.concatenate([np.stack([P for _, P in single], axis=1), P_alone], axis=1)
+        x = np.concatenate([*(x[:, None] for x, _ in single), x_alone], axis=1)
+        P = np.concatenate([*(P[:, None] for _, P in single), P_alone], axis=1)
         return Detail(
             ins=ins,
             x=x[..., :9],

@@ -83,7 +83,7 @@ class Reporter:
                 d.mu,
                 d.reference[:, None] + 1.0,
                 d.age,
-                np.take_along_axis(d.age, d.reference[:, None], axis=1),
+                d.age[np.arange(runs), d.reference][:, None],
                 output.used,
                 parity,
                 flight_columns(truth, runs),

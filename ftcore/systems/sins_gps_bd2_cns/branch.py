@@ -120,7 +120,7 @@ def start(x: Array, P: Array, mu: Array) -> Branch:
 def carried(branch: Branch, mixture: Mixture, x: Array, P: Array, drifting: Array) -> Branch:
     """One epoch on: what the models have become, and both propagators' ``x (runs, 2, 15)``, ``P (runs, 2, 15, 15)``."""
     pair = Propagators(x, P, branch.pair.reference)
-    return Branch(mixture, pair, branch.watch, branch.age + 1.0, branch.known, drifting)
+    return Branch(mixture, pair, branch.watch, branch.coast, branch.age + 1.0, branch.known, drifting)
 
 
 def compare(branches: Sequence[Branch], m: Measured, settings: Settings) -> list[tuple[SubsystemTests, SubsetUpdates]]:

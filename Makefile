@@ -48,11 +48,20 @@ lint: setup-dev
 types: setup-dev
 	$(BIN)/mypy
 
+# Two processes share the machine; what measures time has it to itself afterwards, also where something failed before.
+define stages
+@failed=0; \
+$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m "$(1)not alone" || failed=1; \
+echo "alone on the machine: what measures time"; \
+$(BIN)/python -m pytest -m "$(1)alone" || failed=1; \
+exit $$failed
+endef
+
 test: setup-dev browser lint types
-	$(BIN)/python -m pytest
+	$(call stages,not long and )
 
 test-all: setup-dev browser lint types
-	$(BIN)/python -m pytest -m "long or not long"
+	$(call stages,)
 
 bench: setup-dev
 	$(BIN)/python -m tests.bench

@@ -17,13 +17,14 @@ from threadpoolctl import threadpool_limits
 
 from ftcore import catalogue
 from tests.bench import covariance, flights, inertial, integrated, parts
-from tests.bench.measure import Figure
+from tests.bench.measure import REFERENCE_CALL, REFERENCE_RATE, Figure, call_and_rate, pace
 
 
 def measured(console: Console) -> tuple[list[Figure], dict[str, dict[str, tuple[float, float]]]]:
     """All figures, and for every system the cost of an epoch by part."""
     found: list[Figure] = []
     by_part = {}
+    paces = []
     with Progress(console=console, transient=True) as progress, threadpool_limits(1):
         task = progress.add_task("measuring", total=4 + len(catalogue.systems()))
         for take in (
@@ -32,24 +33,44 @@ def measured(console: Console) -> tuple[list[Figure], dict[str, dict[str, tuple[
             lambda: inertial.figures(5),
             lambda: integrated.figures(3),
         ):
+            paces.append(pace(0.5))
             found += take()
             progress.advance(task)
+        found.insert(0, pace_line(paces, *call_and_rate()))
         for system in catalogue.systems():
             by_part[system.id] = parts.both(flights.default_scenario(system.id))
             progress.advance(task)
     return found, by_part
 
 
+def pace_line(paces: list[float], call: float, rate: float) -> Figure:
+    """How this machine compares with the one that the targets in seconds are for, while the table was measured."""
+    return Figure(
+        "this machine",
+        "pace: how many times slower than the reference machine",
+        sum(paces) / len(paces),
+        "x",
+        note=f"{min(paces):.2f} to {max(paces):.2f} meanwhile; at best {1e6 * call:.1f} us a product of two 21 x 21 "
+        f"matrices, {1e-9 * rate:.0f} GFlop/s in a batch; there {1e6 * REFERENCE_CALL:.1f} us, "
+        f"{1e-9 * REFERENCE_RATE:.0f} GFlop/s",
+    )
+
+
 def figure_table(found: list[Figure]) -> Table:
-    """Targets beside figures."""
+    """Targets beside figures, and figures that hang on the machine at the reference machine's pace as well."""
     table = Table(title="FTLab, processor time of one core, one BLAS thread")
-    for heading, style in (("of", "dim"), ("figure", ""), ("measured", "bold"), ("target", ""), ("", ""), ("", "dim")):
-        table.add_column(heading, style=style, justify="right" if heading in ("measured", "target") else "left")
+    for heading, style in (("of", "dim"), ("figure", "")):
+        table.add_column(heading, style=style)
+    for heading, style in (("measured", "bold"), ("at reference pace", "bold"), ("target", "")):
+        table.add_column(heading, style=style, justify="right")
+    for style in ("", "dim"):
+        table.add_column("", style=style)
     for i, f in enumerate(found):
         repeated = i > 0 and found[i - 1].subject == f.subject
         goal = "" if f.target is None else f"{'>=' if f.sense == 'least' else '<='} {f.target:g} {f.unit}"
         verdict = {None: "", True: "[green]met[/]", False: "[red]missed[/]"}[f.met]
-        table.add_row("" if repeated else f.subject, f.name, f"{f.value:.3g} {f.unit}", goal, verdict, f.note)
+        there = "" if f.at_reference is None else f"{f.at_reference:.3g} {f.unit}"
+        table.add_row("" if repeated else f.subject, f.name, f"{f.value:.3g} {f.unit}", there, goal, verdict, f.note)
     return table
 
 

@@ -31,7 +31,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.browser)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def base() -> Iterator[str]:
     """Address of a server of this test run."""
     with socket.socket() as probe:
@@ -65,9 +65,10 @@ def _wait_until_it_answers(address: str, process: subprocess.Popen[str]) -> None
     pytest.fail("the server did not answer within a minute")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    """One Chromium for all tests."""
+    """One Chromium for all tests of the page, and closed with the last of them: while it is open, Playwright keeps an
+    event loop running in this thread, and tests elsewhere want to run their own."""
     if CHROMIUM is None:
         pytest.skip("no Chromium on this machine: none of chromium, chromium-browser, google-chrome is on the PATH")
     with sync_playwright() as playwright:

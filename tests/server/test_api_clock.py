@@ -19,6 +19,7 @@ def flown(flight: Flight) -> float:
     return float(flight.get()["clock"]["time"])
 
 
+@pytest.mark.alone
 def test_a_running_experiment_keeps_its_pace(flight: Flight) -> None:
     flight.do("PATCH", "/clock", {"state": "running", "speed": 5})
     begun, at = time.monotonic(), flown(flight)
@@ -38,6 +39,7 @@ def test_the_speed_can_be_changed_in_flight(flight: Flight) -> None:
     assert flown(flight) == 60.0
 
 
+@pytest.mark.alone
 def test_a_running_experiment_can_be_advanced_rewound_and_broken(flight: Flight) -> None:
     flight.do("PATCH", "/clock", {"state": "running", "speed": 1})
     assert flight.advance(until=30.0)["experiment"]["clock"]["state"] == "running"
@@ -56,6 +58,7 @@ def test_a_clock_that_fails_says_why(client: TestClient) -> None:
     assert flight.get()["clock"]["reason"].startswith("ArithmeticError")
 
 
+@pytest.mark.alone
 def test_twenty_experiments_at_once_hold_their_pace() -> None:
     with served() as server, httpx.Client(base_url=server.base, timeout=20.0) as client:
         fleet = [Flight(client, "zhang-1992") for _ in range(20)]
@@ -68,6 +71,7 @@ def test_twenty_experiments_at_once_hold_their_pace() -> None:
             assert abs(flown(flight) - at - (now - then)) < 1.6  # an epoch is 1 s: one each way, and some grace
 
 
+@pytest.mark.alone
 def test_a_racing_experiment_does_not_slow_a_paced_one_or_the_commands() -> None:
     with served(Settings(workers=2)) as server, httpx.Client(base_url=server.base, timeout=20.0) as client:
         racers = [Flight(client, toy.scenario(duration=30_000.0)) for _ in range(3)]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from time import process_time
+from itertools import count
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
 from rest_lab import API
+
+from tests.bench.measure import best, once
 
 SLOW_TURN = {"flight": {"legs": [{}, {"bank": 70}], "speed": 350, "height": 10000}}
 IMU = f"{API}/systems/redundant-imu/indicators"
@@ -72,12 +73,15 @@ def test_an_unknown_system_is_404(client: TestClient) -> None:
     assert "redundant-imu" in answer.json()["detail"]
 
 
+@pytest.mark.alone
 def test_the_figures_come_within_50_milliseconds(client: TestClient) -> None:
     client.post(IMU, json={})
-    cost = math.inf
-    for k in range(8):
-        body = {"parameters": {"gyros": {"mounting": [10 + k, 20, 30]}}}
-        start = process_time()
+    angle = count(10)
+
+    def ask() -> None:
+        body = {"parameters": {"gyros": {"mounting": [next(angle), 20, 30]}}}
         assert client.post(IMU, json=body).status_code == 200
-        cost = min(cost, process_time() - start)
-    assert cost < 0.05
+
+    least = best(lambda: once(ask), 0.05, 8)
+    print(f"indicators: {least}")
+    assert least.at_reference < 0.05

@@ -55,6 +55,7 @@ def test_thinned_series_of_one_signal_are_samples_with_its_extremes(flown: Fligh
     assert min(thin["signals"][ERROR]) == min(full["signals"][ERROR])
 
 
+@pytest.mark.alone
 def test_thinned_series_of_many_signals_are_no_longer_than_asked(client: TestClient) -> None:
     flight = Flight(client, toy.scenario(duration=600.0))
     flight.advance()

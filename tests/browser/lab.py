@@ -10,6 +10,8 @@ from playwright.sync_api import Page, expect
 
 SCENE_NOISE = ("GL Driver Message", "THREE.", "Evaluating a string as JavaScript", "WebGL")
 """What the 3-D viewer says in its own frame under software rendering and a strict policy."""
+SLOW_NOISE = ("was preloaded using link preload but not used within a few seconds",)
+"""Chromium, where a page's first modules take seconds to run. What is preloaded is used: it draws the charts."""
 
 
 class Lab:
@@ -25,7 +27,7 @@ class Lab:
 
     def _note(self, text: str) -> None:
         refused = self.refusals_expected and text.startswith("error: Failed to load resource: the server responded")
-        if not refused and not any(noise in text for noise in SCENE_NOISE):
+        if not refused and not any(noise in text for noise in SCENE_NOISE + SLOW_NOISE):
             self.trouble.append(text)
 
     def open_long_flight(self) -> None:

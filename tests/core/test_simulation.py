@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,6 +23,12 @@ def same(a, b):
     return np.array_equal(a.recording.rows, b.recording.rows, equal_nan=True) and [
         e.model_dump() for e in a.events
     ] == [e.model_dump() for e in b.events]
+
+
+@cache
+def undisturbed(until=None):
+    """A flight that nobody touches, for tests that only look at it."""
+    return Simulation(VISIBLE).advance(until=until)
 
 
 # ---- truth never reaches an estimator
@@ -53,26 +60,26 @@ def test_given_truth_is_scrambled_after_the_readings_then_no_estimate_and_no_dec
 
 
 def test_given_a_fork_then_both_branches_fly_the_same_bits_if_nothing_is_done():
-    sim = Simulation(VISIBLE).advance()
+    sim = undisturbed()
     assert same(sim, sim.fork(at=37.0).advance())
 
 
 def test_given_a_fork_when_one_branch_is_broken_then_the_other_does_not_notice():
-    alone, sim = Simulation(VISIBLE).advance(), Simulation(VISIBLE).advance(until=45.0)
+    sim = Simulation(VISIBLE).advance(until=45.0)
     branch = sim.fork()
     branch.inject(Fault(channel="doppler.velocity.x", kind="bias", magnitude=5.0))
     branch.switch("altimeter", False).advance()
-    assert same(sim.advance(), alone)
-    assert not same(branch, alone)
+    assert same(sim.advance(), undisturbed())
+    assert not same(branch, undisturbed())
 
 
 @pytest.mark.parametrize("to", [0.0, 1.0, 33.0, 64.0, 99.0])
 def test_given_a_rewind_then_the_flight_goes_on_to_the_same_bits(to):
-    sim, alone = Simulation(VISIBLE).advance(), Simulation(VISIBLE).advance()
+    sim = Simulation(VISIBLE).advance()
     sim.rewind(to=to)
     assert sim.now == to
     assert sim.time.size == int(to)
-    assert same(sim.advance(), alone)
+    assert same(sim.advance(), undisturbed())
 
 
 def test_given_a_rewind_then_later_commands_are_forgotten_and_earlier_ones_kept():
@@ -254,12 +261,12 @@ def test_given_any_schedule_then_nothing_crashes_nothing_is_nan_and_the_bits_rep
     ],
 )
 def test_given_a_bad_command_then_it_is_refused_by_field_and_changes_nothing(command, field):
-    sim, twin = Simulation(VISIBLE).advance(until=10.0), Simulation(VISIBLE).advance(until=10.0)
+    sim = Simulation(VISIBLE).advance(until=10.0)
     with pytest.raises(CommandError) as refused:
         command(sim)
     assert refused.value.field == field
-    assert sim.document() == twin.document()
-    assert same(sim.advance(until=60.0), twin.advance(until=60.0))
+    assert sim.document() == undisturbed(10.0).document()
+    assert same(sim.advance(until=60.0), undisturbed(60.0))
 
 
 @pytest.mark.parametrize(
@@ -311,7 +318,7 @@ def test_given_an_export_then_it_reads_back_to_the_bit(tmp_path):
 
 
 def test_given_decimation_then_every_signal_keeps_its_extremes():
-    sim = Simulation(VISIBLE).advance()
+    sim = undisturbed()
     names = ["fused.error.position.up", "test.residual.gps.statistic"]
     _, few = sim.columns(names, points=20)
     _, every = sim.columns(names)

@@ -51,7 +51,7 @@ types: setup-dev
 # Two processes share the machine; what measures time has it to itself afterwards, also where something failed before.
 define stages
 @failed=0; \
-$(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder -m "$(1)not alone" || failed=1; \
+$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "$(1)not alone" || failed=1; \
 echo "alone on the machine: what measures time"; \
 $(BIN)/python -m pytest -m "$(1)alone" || failed=1; \
 exit $$failed

@@ -9,7 +9,6 @@ from ftcore import Fault, Simulation
 from tests.papers.bands import mean_band
 from tests.papers.flights import CALM, RUNS, between, flown, prepared, runs_with
 
-pytestmark = pytest.mark.xdist_group("flights-of-zhang-1992")
 STATES = 9
 EPOCHS = (1, 5, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100)
 OUTSIDE = 1e-5

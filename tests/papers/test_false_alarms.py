@@ -25,7 +25,6 @@ from ftcore import Simulation, catalogue
 from tests.papers.bands import Array, Flags, binomial_band, cluster_size, clustered_band, likeness
 from tests.papers.flights import CALM, batches, flown
 
-pytestmark = pytest.mark.xdist_group("flights-of-zhang-1992")
 P_FA = 1e-3
 OUTSIDE = 1e-4
 MANY_RUNS, MANY_SEED = 1200, 1992

@@ -13,7 +13,6 @@ from ftcore import Fault, Simulation
 from tests.papers.bands import most, sum_band
 from tests.papers.flights import CALM, RUNS, between, flown, position_rms, prepared, rms, runs_with
 
-pytestmark = pytest.mark.xdist_group("flights-of-zhang-1992")
 VISIBLE, PRINTED = "zhang-1992-visible", "zhang-1992"
 ACCELEROMETER_FAILS, GPS_FAILS = 30.0, 50.0
 CULPRIT = "imu.accelerometer.3"

@@ -12,6 +12,9 @@ const PARTING = 1500;
 /** What this page has made; what others made, by the REST interface perhaps, is not its to delete while there is room. */
 const made = new Set();
 
+/** What this page is about to delete: not to be taken over meanwhile. */
+const leaving = new Set();
+
 /** @param {string} id */
 export function own(id) {
   made.add(id);
@@ -36,7 +39,7 @@ async function untouched(one, all, watchers = 0) {
 export async function spare(scenario) {
   try {
     const all = await read.experiments();
-    for (const one of all) if (one.scenario.id === scenario && (await untouched(one, all))) return one;
+    for (const one of all) if (one.scenario.id === scenario && !leaving.has(one.id) && (await untouched(one, all)) && !leaving.has(one.id)) return one;
   } catch (error) {
     if (!(error instanceof Problem)) throw error;
   }
@@ -61,6 +64,7 @@ export async function makeRoom() {
 /** Deletes what this page has made and left, if it was never touched. @param {string | undefined} id */
 export async function forsake(id) {
   if (!id || !made.delete(id)) return;
+  leaving.add(id);
   await new Promise((resolve) => setTimeout(resolve, PARTING));
   try {
     const all = await read.experiments();
@@ -69,5 +73,7 @@ export async function forsake(id) {
   } catch (error) {
     // Whatever went wrong, the experiment is still there, and the next page may take it over.
     if (!(error instanceof Problem)) throw error;
+  } finally {
+    leaving.delete(id);
   }
 }

@@ -106,10 +106,11 @@ def test_ten_live_charts_leave_half_of_the_main_thread(lab: Lab) -> None:
             f"main thread busy {busy:.0%} with ten live charts at 10x, {share:.0%} at the reference pace "
             f"(pace {slower:.2f}), {drawings} drawn in {end - start:.1f} s"
         )
-        if drawings >= 20 and share <= 0.5:
+        live = drawings >= 20 / slower
+        if live and share <= 0.5:
             break
     assert lab.experiment()["clock"]["state"] == "running"
-    assert drawings >= 20, "the charts were not live"
+    assert live, f"the charts were not live: {drawings} drawn"
     assert share <= 0.5
 
 

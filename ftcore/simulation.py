@@ -239,7 +239,16 @@ class Simulation:
 
     def score(self) -> Score:
         """The flight so far against the truth; see :mod:`ftcore.score`."""
-        return compute(self._recording, self._events, self._operator.faults, self.description, self._channels)
+        return compute(
+            self._recording,
+            self._events,
+            self._operator.faults,
+            self.description,
+            self._channels,
+            self.acted,
+            self._state.deeds.silent,
+            self.first_run,
+        )
 
     def document(self) -> Scenario:
         """The scenario with everything the operator did, ready to be flown again to the same bits."""

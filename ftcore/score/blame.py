@@ -9,9 +9,9 @@ which shares the parity equations with the faulty instrument or satellite, and t
 against the faulty sensor (:attr:`ftcore.description.Test.reference`). What such a test says is no false alarm, for the
 test is right that something disagrees; to isolate the subject for it is wrong all the same.
 
-A fault counts as there, in each run, from the first to the last epoch in which it acted, and for ``recovery`` seconds
-more: its traces are still in filters and windows then. Where the subject is isolated when the fault last acts, the
-seconds count from its re-admission.
+A fault counts as there, in each run, while it acts, and for ``recovery`` seconds more: its traces are still in filters
+and windows then. Where the subject is isolated when the fault last acts, the seconds count from its re-admission. A
+fault that pauses for longer than that, its satellite set or its sensor switched off, is not there until it acts again.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class Cause:
         sensor: of its channel.
         part: the single part of the sensor that the channel is, as a subject; None where the channel is all of it.
         first, last: ``(runs,)`` first and last epoch in which it acted [s]; NaN where it never did.
+        pauses: see :class:`ftcore.faults.Acted`.
     """
 
     fault: Fault
@@ -45,11 +46,22 @@ class Cause:
     part: str | None
     first: Array
     last: Array
+    pauses: tuple[tuple[Array, Array], ...] = ()
 
     @property
     def acted(self) -> Flags:
         """Runs in which it acted."""
         return np.isfinite(self.first)
+
+    def spells(self, bridged: float) -> list[tuple[Array, Array]]:
+        """From when to when it acted, ``(runs,)`` each, pauses of up to ``bridged`` seconds included; NaN: no more."""
+        found, start = [], self.first
+        for before, after in self.pauses:
+            cut = after - before > bridged
+            if cut.any():
+                found.append((np.where(cut, start, np.nan), np.where(cut, before, np.nan)))
+                start = np.where(cut, after, start)
+        return [*found, (start, self.last)]
 
     def explains(self, subject: str) -> bool:
         """Whether it is right to blame ``subject`` for this fault."""
@@ -80,15 +92,10 @@ def within(name: str, whole: str) -> bool:
 
 def cause(fault: Fault, channel: ChannelAddress, acted: Acted | None, runs: int) -> Cause:
     """A fault as a cause; it never acted where nothing is known of that."""
-    never = np.full(runs, np.nan)
+    if acted is None:
+        acted = Acted.never(runs)
     part = f"{channel.sensor}.{channel.name.rpartition('.')[2]}" if len(channel.parts) == 1 else None
-    return Cause(
-        fault,
-        channel.sensor,
-        part,
-        never if acted is None else np.asarray(acted.first, float),
-        never if acted is None else np.asarray(acted.last, float),
-    )
+    return Cause(fault, channel.sensor, part, acted.first, acted.last, acted.pauses)
 
 
 @dataclass(frozen=True)
@@ -102,10 +109,12 @@ class Judge:
     references: Mapping[str, tuple[str, ...]]
     subjects: frozenset[str]
 
-    def window(self, source: Cause, subject: str) -> tuple[Array, Array]:
-        """From when to when ``(runs,)`` a fault counts as there for a subject, recovery included."""
-        spells = self.history.isolated.get(subject, Spells.none())
-        return source.first, spells.end_of(source.last) + self.recovery
+    def windows(self, source: Cause, subject: str) -> list[tuple[Array, Array]]:
+        """From when to when, ``(runs,)`` each, a fault counts as there for a subject, recovery included."""
+        isolated = self.history.isolated.get(subject, Spells.none())
+        return [
+            (start - SLACK, isolated.end_of(end) + self.recovery + SLACK) for start, end in source.spells(self.recovery)
+        ]
 
     def explaining(self, subject: str) -> list[Cause]:
         """Faults that explain a subject."""
@@ -120,8 +129,8 @@ class Judge:
         """Whether any of the faults counts as there, for a subject at each of ``time (n,)``: ``(n, runs)``."""
         there = np.zeros((len(time), self.runs), bool)
         for source in sources:
-            start, end = self.window(source, subject)
-            there |= (time[:, None] >= start - SLACK) & (time[:, None] <= end + SLACK)
+            for start, end in self.windows(source, subject):
+                there |= (time[:, None] >= start) & (time[:, None] <= end)
         return there
 
     def wrong(self, subject: str) -> Flags:
@@ -137,8 +146,8 @@ class Judge:
     def _at(self, sources: Iterable[Cause], subject: str, run: Runs, time: Array) -> Flags:
         there = np.zeros(len(time), bool)
         for source in sources:
-            start, end = self.window(source, subject)
-            there |= (time >= start[run] - SLACK) & (time <= end[run] + SLACK)
+            for start, end in self.windows(source, subject):
+                there |= (time >= start[run]) & (time <= end[run])
         return there
 
 

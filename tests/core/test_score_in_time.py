@@ -231,6 +231,26 @@ def test_an_innocent_star_tracker_that_is_thrown_out_long_after_shows_in_the_str
     assert cns.calm == 1
 
 
+def test_given_a_fault_that_pauses_then_it_excuses_nobody_meanwhile_not_even_once_it_acts_again() -> None:
+    flight = Flight(seconds=100).fault("gps.pseudorange.C1", 10.0)
+    acted = flight.acted["f1"]
+    pause = (np.array([20.0]), np.array([70.0]))  # the satellite set and rose again
+    flight.acted["f1"] = Acted(acted.first, acted.last, acted.epochs, acted.now, (pause,))
+    for start in (20.0 + RECOVERY, 45.0, 70.0):
+        flight.isolate("gps", start, start + 1.0)
+    assert [w.time for w in isolations_of(flight.score(), "gps").first] == [45.0]
+
+
+def test_pauses_of_a_fault_are_remembered_if_they_are_long() -> None:
+    acted = Acted.never(2)
+    for time in range(1, 11):
+        acted = acted.after(float(time), np.array([time in (2, 3, 5, 9), time == 4]))
+    ((before, after),) = acted.pauses
+    np.testing.assert_array_equal(before, [5.0, np.nan])
+    np.testing.assert_array_equal(after, [9.0, np.nan])
+    assert acted.epochs.tolist() == [4, 1]
+
+
 # ---- found, missed, already in alarm
 
 

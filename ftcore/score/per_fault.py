@@ -19,7 +19,7 @@ from ftcore.recording import Recording
 from ftcore.score.blame import Cause, Judge
 from ftcore.score.errors import worst as worst_of
 from ftcore.score.history import SLACK, Spells, first_between
-from ftcore.score.models import FaultScore, Outcome
+from ftcore.score.models import FaultScore, Outcome, Share
 from ftcore.score.shares import share
 
 Array = NDArray[np.float64]
@@ -215,26 +215,31 @@ def _readmitted(cause: Cause, named: Mapping[str, Spells], runs: int) -> tuple[F
 
 def words(score: FaultScore, description: SystemDescription) -> str:
     """One line about a fault that acted: found, named, who was wronged, each with its denominator."""
+    single = score.acted.of == 1
+
+    def counted(share: Share) -> str:
+        return "" if single else f" in {share.words}"
+
     labels = {test.name: test.label for test in description.tests}
     noticed = [(name, o) for name, o in score.alarms.items() if o.delay is not None]
     noticed.sort(key=lambda pair: (-pair[1].after_onset.count, pair[1].delay))
-    parts = [f"acted in {score.acted.words}"]
+    parts = [] if single else [f"acted in {score.acted.words}"]
     if noticed:
         name, best = noticed[0]
-        parts.append(f"noticed by {labels[name]} after {best.delay:g} s in {best.after_onset.words}")
+        parts.append(f"noticed by {labels[name]} after {best.delay:g} s{counted(best.after_onset)}")
     elif any(o.already.count for o in score.alarms.values()):
         name, best = max(score.alarms.items(), key=lambda pair: pair[1].already.count)
-        parts.append(f"{labels[name]} already in alarm in {best.already.words}")
+        parts.append(f"{labels[name]} already in alarm{counted(best.already)}")
     else:
         parts.append("not noticed by any test")
     if score.isolation is not None:
         out = score.isolation
         if out.delay is not None:
-            parts.append(f"{', '.join(score.isolated)} isolated after {out.delay:g} s in {out.after_onset.words}")
+            parts.append(f"{', '.join(score.isolated)} isolated after {out.delay:g} s{counted(out.after_onset)}")
         if out.already.count:
-            parts.append(f"isolated already in {out.already.words}")
+            parts.append(f"isolated already{counted(out.already)}")
         if out.missed.count == out.missed.of:
             parts.append("nobody isolated for it")
     if score.wrong is not None and score.wrong.count:
-        parts.append(f"wrongly isolated meanwhile: {', '.join(score.wrong_isolations)}, in {score.wrong.words}")
+        parts.append(f"wrongly isolated meanwhile: {', '.join(score.wrong_isolations)}{counted(score.wrong)}")
     return "; ".join(parts)

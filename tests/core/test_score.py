@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from ftcore import Fault, Scenario, Simulation
 from ftcore.score import Headline
 
@@ -36,7 +38,7 @@ def test_given_no_fault_then_nothing_is_found_and_every_driving_test_counts() ->
     assert "tests of sound sensors" in items["False alarms"].note
 
 
-def test_given_a_fault_then_false_alarms_are_counted_before_it() -> None:
+def test_given_a_fault_then_what_its_tests_say_is_no_false_alarm() -> None:
     sim = Simulation(Scenario.load("zhang-1992").model_copy(update={"faults": []})).advance(until=5.0)
     sim.inject(Fault(channel="gps.pseudorange.C1", kind="bias", magnitude=1000.0))
     before = sim.score().tests
@@ -44,3 +46,37 @@ def test_given_a_fault_then_false_alarms_are_counted_before_it() -> None:
     gps = [(a, b) for a, b in zip(before, after, strict=True) if a.subject == "gps"]
     assert gps
     assert all(a == b for a, b in gps), "alarms under the fault are none of its false ones"
+
+
+def mismatched_gyro_1(*more: Fault) -> Simulation:
+    """A UKF whose model is so wrong that it blames sound gyro 3 for gyro 1, from 6.5 to 9 s; further faults after."""
+    scenario = Scenario.load("kim-2005-mismatch").model_copy(update={"faults": []})
+    sim = Simulation(scenario, runs=10, seed=9951)
+    for axis in "xy":
+        sim.inject(Fault(channel=f"imu.gyro.1{axis}", kind="bias", magnitude=0.05, start=6.5, end=9.0))
+    for fault in more:
+        sim.inject(fault)
+    return sim.advance()
+
+
+@pytest.mark.long
+def test_given_the_victim_fails_later_then_the_wrong_isolation_is_not_forgotten() -> None:
+    alone = mismatched_gyro_1().score().faults
+    followed = mismatched_gyro_1(Fault(channel="imu.gyro.3x", kind="bias", magnitude=0.05, start=13.0)).score().faults
+    # The past cannot depend on the future: the same flight up to 13 s, so the same judgement of it.
+    assert [f.wrong for f in followed[:2]] == [f.wrong for f in alone]
+    assert all(f.wrong_isolations == ["imu.gyro.3"] and f.wrong_share > 0.5 for f in followed[:2])
+
+
+@pytest.mark.long
+def test_given_an_hour_with_faults_on_gps_then_an_innocent_star_tracker_that_is_thrown_out_shows() -> None:
+    sim = Simulation(Scenario.load("yang-2016-scenario-1")).advance()
+    score = sim.score()
+    out = [e.time for e in sim.events if (e.kind, e.subject) == ("subsystem.isolated", "cns")]
+    (cns,) = [i for i in score.isolations if i.subject == "cns"]
+    assert [w.time for w in cns.first] == out[:20], "nothing is ever wrong with the star tracker here"
+    tests = [t for t in score.tests if t.subject == "cns" and t.name.startswith("two-propagator")]
+    assert tests
+    assert all(t.epochs == 3599 for t in tests), "its tests count in every epoch in which they are made"
+    (item,) = [h for h in score.headline if h.label == "False isolations"]
+    assert item.value == sum(i.count for i in score.isolations)

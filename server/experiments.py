@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import time
 from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import Executor
 from typing import Any, Literal, Protocol, TypeVar
@@ -18,7 +17,7 @@ from typing import Any, Literal, Protocol, TypeVar
 from ftcore import CommandError, Fault, Simulation
 from ftcore.description import View
 from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
-from server.pacing import Pacer, Speed
+from server.pacing import Clock, Pacer, Speed
 from server.problems import Refused
 
 T = TypeVar("T")
@@ -40,10 +39,11 @@ class Subscriber(Protocol):
 
 
 class Workers:
-    """Threads that fly, and the fair queue for them."""
+    """Threads that fly, the fair queue for them, and the clock that they fly by."""
 
-    def __init__(self, executor: Executor, threads: int) -> None:
+    def __init__(self, executor: Executor, threads: int, clock: Clock) -> None:
         self.executor = executor
+        self.clock = clock
         self.turns = asyncio.Semaphore(threads)
 
 
@@ -79,7 +79,7 @@ class Experiment:
         self.spare = False
         self.subscribers: set[Subscriber] = set()
         self._streams = 0
-        self._expected_until = time.monotonic() + EXPECTED
+        self._expected_until = workers.clock.now() + EXPECTED
         self.rewinds: list[float] = []
         self.reason: str | None = None
         self._simulation = simulation
@@ -137,17 +137,17 @@ class Experiment:
 
     def _fly_to(self, epoch: int) -> None:
         """In a worker: step until ``epoch`` or until the slice is used up."""
-        enough = time.perf_counter() + SLICE
+        enough = self._workers.clock.now() + SLICE
         while self._simulation.epoch < epoch and not self._simulation.finished:
             self._simulation.step()
-            if time.perf_counter() >= enough:
+            if self._workers.clock.now() >= enough:
                 break
 
     def _fly_by_the_clock(self) -> None:
         """In a worker: fly what is due when the turn begins. A clock that was stopped meanwhile flies nowhere."""
         pacer = self._pacer
         if self._state == "running":
-            due = pacer.due(self._simulation.epoch, time.monotonic())
+            due = pacer.due(self._simulation.epoch, self._workers.clock.now())
             self._fly_to(self._simulation.last_epoch if due is None else due)
             pacer.flown(self._simulation.epoch)
 
@@ -173,7 +173,7 @@ class Experiment:
         starts = state == "running" and self._state == "paused"
         if starts or speed is not None:
             kept = self._pacer.speed if speed is None else speed
-            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, time.monotonic())
+            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, self._workers.clock.now())
         if starts:
             self._state = "running"
             if self._flight is None or self._flight.done():
@@ -193,20 +193,13 @@ class Experiment:
         """Fly at the clock's pace until paused, finished, failed or closed."""
         while self._state == "running" and not self.closed:
             self._nudge.clear()
-            wait = self._pacer.wait(self._simulation.epoch, time.monotonic())
-            if wait > 0.0 and await self._nudged_within(wait):
+            wait = self._pacer.wait(self._simulation.epoch, self._workers.clock.now())
+            if wait > 0.0 and await self._workers.clock.happens_within(self._nudge, wait):
                 continue
             try:
                 await self._turn(self._fly_by_the_clock)
             except Exception as error:
                 self._fail(error)
-
-    async def _nudged_within(self, seconds: float) -> bool:
-        try:
-            await asyncio.wait_for(self._nudge.wait(), seconds)
-        except TimeoutError:
-            return False
-        return True
 
     def _fail(self, error: Exception) -> None:
         _log.exception("experiment %s failed", self.id, exc_info=error)
@@ -291,7 +284,7 @@ class Experiment:
             parent=self.parent,
             ghost_of=self.ghost_of,
             spare=self.spare,
-            watchers=self._streams or int(time.monotonic() < self._expected_until),
+            watchers=self._streams or int(self._workers.clock.now() < self._expected_until),
         )
 
     async def view(self) -> View:

@@ -51,7 +51,7 @@ def test_a_system_that_declares_none_says_none(client: TestClient) -> None:
         ({"settings": {"angle_threshold": 90}}, 409, "settings.angle_threshold", "less than or equal to 44"),
         ({"settings": {"confirm": 3, "within": 2}}, 409, "settings", "confirm 3 of 2 cannot be"),
         ({"parameters": SLOW_TURN}, 409, "parameters.flight.legs.1", "cannot fly"),
-        ({"parameters": []}, 422, "parameters", "dictionary"),
+        ({"parameters": []}, 422, "parameters", "an object with named fields"),
         ({"mounting": [45, 45, 45]}, 422, "mounting", "accepted are parameters, settings"),
     ],
 )

@@ -8,14 +8,14 @@ All work on a simulation is done in threads; the event loop only hands out turns
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 from typing import Any, Literal, Protocol, TypeVar
 
 from ftcore import CommandError, Fault, Simulation
 from ftcore.description import View
+from server.attendance import PATIENCE, Attendance
 from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
 from server.pacing import Clock, Pacer, Speed
 from server.problems import Refused
@@ -23,8 +23,7 @@ from server.problems import Refused
 T = TypeVar("T")
 SLICE = 0.012
 """Longest turn of a clock [s]; the epoch that is under way is finished."""
-EXPECTED = 10.0
-"""How long a new experiment counts as watched by its maker, who is about to open a stream [s]."""
+LEFT_ALONE = f"the run was paused because no page had watched it for {PATIENCE:g} s"
 _log = logging.getLogger("ftlab")
 
 
@@ -78,8 +77,7 @@ class Experiment:
         self.picture = next((item.picture for item in self.description.scene), "")
         self.spare = False
         self.subscribers: set[Subscriber] = set()
-        self._streams = 0
-        self._expected_until = workers.clock.now() + EXPECTED
+        self.attendance = Attendance(workers.clock.now)
         self.rewinds: list[float] = []
         self.reason: str | None = None
         self._simulation = simulation
@@ -170,6 +168,8 @@ class Experiment:
         """
         if state == "running":
             self._may_fly()
+            self.reason = None
+        self.attendance.commanded()
         starts = state == "running" and self._state == "paused"
         if starts or speed is not None:
             kept = self._pacer.speed if speed is None else speed
@@ -192,6 +192,9 @@ class Experiment:
     async def _run(self) -> None:
         """Fly at the clock's pace until paused, finished, failed or closed."""
         while self._state == "running" and not self.closed:
+            if self.attendance.abandoned:
+                self._leave_alone()
+                return
             self._nudge.clear()
             wait = self._pacer.wait(self._simulation.epoch, self._workers.clock.now())
             if wait > 0.0 and await self._workers.clock.happens_within(self._nudge, wait):
@@ -200,6 +203,12 @@ class Experiment:
                 await self._turn(self._fly_by_the_clock)
             except Exception as error:
                 self._fail(error)
+
+    def _leave_alone(self) -> None:
+        """Pause a run that a page started and no page watches any more; the clock says why."""
+        _log.info("experiment %s: %s", self.id, LEFT_ALONE)
+        self._state, self.reason = "paused", LEFT_ALONE
+        self._publish(at_once=True)
 
     def _fail(self, error: Exception) -> None:
         _log.exception("experiment %s failed", self.id, exc_info=error)
@@ -241,15 +250,6 @@ class Experiment:
             subscriber.rewound(now)
         self._publish(at_once=True)
 
-    @contextlib.contextmanager
-    def watched(self) -> Iterator[None]:
-        """Count someone who watches, for as long as it lasts."""
-        self._streams, self._expected_until = self._streams + 1, 0.0
-        try:
-            yield
-        finally:
-            self._streams -= 1
-
     # ---- what there is to see -------------------------------------------------------------------------------------
 
     async def state(self) -> ExperimentState:
@@ -284,7 +284,7 @@ class Experiment:
             parent=self.parent,
             ghost_of=self.ghost_of,
             spare=self.spare,
-            watchers=self._streams or int(self._workers.clock.now() < self._expected_until),
+            watchers=self.attendance.watchers,
         )
 
     async def view(self) -> View:

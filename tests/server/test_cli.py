@@ -116,7 +116,7 @@ def test_a_scenario_that_is_wrong_inside_is_told_where(ftlab: Command, tmp_path:
     [
         ("[" * 100_000, "not a scenario"),
         ("", "not a scenario"),
-        ("[]", "dictionary"),
+        ("[]", "an object with named fields is needed"),
         ('{"system": "gps-receiver", "duration": NaN}', "duration"),
         ('{"system": "gps-receiver", "faults": [{"channel": "x", "kind": "bias"}]}', "no channel 'x'"),
         (

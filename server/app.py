@@ -61,6 +61,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         redoc_url=None,
         openapi_url="/api/v1/openapi.json",
         separate_input_output_schemas=False,
+        redirect_slashes=False,  # `DELETE .../faults/` with an empty id must not become `DELETE .../faults`
     )
     app.state.settings, app.state.doorkeeper = settings, doorkeeper
     problems.install(app)

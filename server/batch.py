@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -158,7 +159,7 @@ def _advance(simulation: Simulation, console: Console) -> None:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(simulation.scenario.title, total=simulation.last_epoch * simulation.period)
+        task = progress.add_task(escape(simulation.scenario.title), total=simulation.last_epoch * simulation.period)
         while not simulation.finished:
             simulation.step()
             progress.update(task, completed=simulation.now)
@@ -166,7 +167,8 @@ def _advance(simulation: Simulation, console: Console) -> None:
 
 def _show(score: Score, simulation: Simulation, console: Console) -> None:
     runs = f", {simulation.runs} runs" if simulation.runs > 1 else ""
-    console.print(f"{simulation.scenario.title}: {simulation.now:g} s, seed {simulation.seed}{runs}", highlight=False)
+    title = f"{simulation.scenario.title}: {simulation.now:g} s, seed {simulation.seed}{runs}"
+    console.print(title, highlight=False, markup=False)
     headline = _table("", "", "compared with")
     for item in score.headline:
         against = f"{_number(item.compare, item.unit)} ({item.compare_label})" if item.compare_label else ""

@@ -7,6 +7,7 @@ has changed.
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Container, Iterable, Sequence
 from http import HTTPStatus
@@ -78,7 +79,9 @@ def problem(
 ) -> Response:
     """A problem response."""
     body = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, errors=list(errors))
-    return Response(body.model_dump_json(exclude_none=True), status_code=status, media_type=MEDIA_TYPE, headers=headers)
+    # What was sent may be quoted in it, and may hold halves of surrogate pairs: `json` spells them, UTF-8 cannot.
+    content = json.dumps(body.model_dump(exclude_none=True))
+    return Response(content, status_code=status, media_type=MEDIA_TYPE, headers=headers)
 
 
 _MEANING = {

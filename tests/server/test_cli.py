@@ -79,6 +79,7 @@ def short(tmp_path: Path) -> str:
         (["run", "zhang-1992", "--out", "server"], {}, ".parquet"),
         (["run", "zhang-1992", "--fault", "bias"], {}, "is not JSON; for instance"),
         (["run", "zhang-1992", "--fault", '{"channel": "x"}'], {}, "kind"),
+        (["run", "zhang-1992", "--fault", '{"id": "..", "channel": "x", "kind": "bias"}'], {}, "1 to 60 letters"),
         (["run", "zhang-1992", "--fault", '{"channel": "x", "kind": "bias", "magnitude": 1}'], {}, "no channel 'x'"),
         (["run"], {}, "--observation"),
         (["run", "--observation", "a.05o"], {}, "--navigation is missing"),
@@ -186,6 +187,15 @@ def test_a_flight_from_the_command_line_writes_what_it_flew(ftlab: Command, shor
     assert (tmp_path / "out.csv").read_text().startswith('"time","run"')
     assert ftlab("run", short, "--out", str(tmp_path / "out.html"))[0] == 0
     assert "Plotly" in (tmp_path / "out.html").read_text()
+
+
+def test_a_title_that_reads_like_markup_is_shown_as_it_is(ftlab: Command, tmp_path: Path) -> None:
+    path = tmp_path / "marked.json"
+    document = Scenario.load("zhang-1992").model_dump(mode="json") | {"duration": 2.0, "title": "[/bold] [red]A"}
+    path.write_text(json.dumps(document))
+    status, told, _ = ftlab("run", str(path))
+    assert status == 0
+    assert "[/bold] [red]A: 2 s, seed" in told
 
 
 def test_scenarios_and_version_are_listed(ftlab: Command) -> None:

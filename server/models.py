@@ -33,7 +33,7 @@ def whole(value: Any) -> Any:
 Speed = Annotated[float, Field(ge=0.5, le=100.0)] | Literal["max"]
 Seed = Annotated[int, Field(ge=0, le=2**53 - 1), BeforeValidator(whole)]
 Epochs = Annotated[int, Field(ge=0, le=10_000_000), BeforeValidator(whole)]
-State = Literal["paused", "running", "finished", "failed"]
+State = Literal["paused", "running", "advancing", "finished", "failed"]
 
 
 class Request(BaseModel):
@@ -92,7 +92,7 @@ class NewExperiment(Request):
 class ClockState(Answer):
     """Where an experiment's clock stands."""
 
-    state: State
+    state: State = Field(description="advancing: flown by an advance, which a paused clock or a rewind stops")
     time: float = Field(description="time of the last epoch [s]", json_schema_extra={"unit": "s"})
     epoch: int
     period: float = Field(description="seconds between epochs", json_schema_extra={"unit": "s"})

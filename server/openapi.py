@@ -71,7 +71,7 @@ def _document(app: FastAPI, guarded: bool) -> dict[str, Any]:
         for operation in methods.values():
             _without_fastapis_error(operation["responses"])
             if guarded and operation["operationId"] not in OPEN:
-                operation["responses"] |= {"401": documented(401)[401]}
+                operation["responses"] |= {str(status): documented(status)[status] for status in (401, 429)}
                 operation["security"] = [{"token": []}]
     if guarded:
         components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}

@@ -91,10 +91,12 @@ _MEANING = {
     404: "There is nothing of that name.",
     406: "None of the media types asked for can be given.",
     409: "Well-formed, but it contradicts itself or the state of the experiment. Nothing has changed.",
+    410: "It was deleted meanwhile.",
     413: "The body is too large.",
     415: "The body is not sent as the media type that is wanted.",
     422: "The request does not fit the schema. Nothing has changed.",
     429: "A limit of this server is reached.",
+    503: "The server is being stopped.",
 }
 
 

@@ -73,6 +73,7 @@ class Experiment:
         self.parent = parent
         self.ghost_of = ghost_of
         self.description = simulation.description
+        self.signals = frozenset(signal.name for signal in self.description.signals)
         self.scenario = simulation.scenario
         self.version = 0
         self.cursor: float | None = None

@@ -27,6 +27,7 @@ from ftcore.recording import Recording
 from ftcore.scenario import Change, Clear, Command, Configure, Inject, Scenario, Switch
 from ftcore.score import Score, compute
 from ftcore.systems.base import HEALTH, Flags, Output, addresses
+from ftcore.threads import one_blas_thread
 
 __all__ = ["CommandError", "LiveFault", "Simulation", "SubsystemState"]
 
@@ -74,6 +75,7 @@ class Simulation:
         CommandError: parameters that no system can be put together from.
     """
 
+    @one_blas_thread
     def __init__(
         self,
         scenario: Scenario,
@@ -218,6 +220,7 @@ class Simulation:
         """Where older history is coarser than the epoch."""
         return self._recording.resolution
 
+    @one_blas_thread
     def view(self, at: float | None = None) -> View:
         """Diagram and scene of run 0, now or at an earlier moment. Raises CommandError outside the flight."""
         epoch = self.epoch if at is None else self._epoch_of("at", at)
@@ -229,6 +232,7 @@ class Simulation:
             _, truth, output = self._fly(self._state_at(epoch - 1), self._operator_at(epoch - 1))
         return self._assembly.reporter.view(time, truth, output, operator.controls, faulted)
 
+    @one_blas_thread
     def score(self) -> Score:
         """The flight so far against the truth; see :mod:`ftcore.score`."""
         return compute(self._recording, self._events, self._operator.faults, self.description, self._channels)
@@ -249,6 +253,7 @@ class Simulation:
 
     # ---- time -----------------------------------------------------------------------------------------------------
 
+    @one_blas_thread
     def step(self) -> Simulation:
         """Fly one epoch; nothing happens when the flight is over."""
         if self.finished:
@@ -266,6 +271,7 @@ class Simulation:
         self._apply_script()
         return self
 
+    @one_blas_thread
     def advance(self, until: float | None = None, epochs: int | None = None) -> Simulation:
         """Fly on until a time [s], or for a number of epochs, or to the end; never past the end.
 
@@ -289,6 +295,7 @@ class Simulation:
             self.step()
         return self
 
+    @one_blas_thread
     def rewind(self, to: float) -> Simulation:
         """Go back to an earlier moment, as it was when the clock left it; what came later is forgotten."""
         epoch = self._epoch_of("to", to)
@@ -304,6 +311,7 @@ class Simulation:
         self._log = [command for command in self._log if command.time <= time + 1e-9]
         return self
 
+    @one_blas_thread
     def fork(self, at: float | None = None) -> Simulation:
         """A second flight that shares the past up to ``at`` (default now) and has its own future."""
         epoch = self.epoch if at is None else self._epoch_of("at", at)

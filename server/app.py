@@ -13,6 +13,7 @@ from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
 from ftcore.sensors import rinex
+from ftcore.threads import one_blas_thread
 from server import pages, problems, scene_proxy
 from server.limits import Answered, BodyLimit, SocketLimit
 from server.openapi import describe
@@ -41,7 +42,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         app.openapi()  # takes a while, so not at someone's first request
         uploads = Uploads(settings.max_upload_bytes)
         before = rinex.restrict(uploads.folder)  # a scenario that comes over the network names no other file
-        with _undisturbed():
+        with _undisturbed(), one_blas_thread:
             app.state.registry = ExperimentRegistry(settings, uploads)
             app.state.scenes = Scenes()
             try:

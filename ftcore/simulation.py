@@ -60,6 +60,10 @@ class State:
     used: Flags
 
 
+Shown = tuple[Any, Output]
+"""Truth and output of an epoch: what its picture is drawn from."""
+
+
 class Simulation:
     """One scenario in flight, for one run or a batch of runs on the same commands.
 
@@ -127,6 +131,7 @@ class Simulation:
             except CommandError as error:
                 raise CommandError(f"faults.{i}.{error.field}", str(error)) from None
         self._operators: list[tuple[int, Operator]] = [(0, self._operator)]
+        self._shown: Shown | None = None
         self._every = 1
         self._checkpoints: dict[int, State] = {0: self._state}
         self._apply_script()
@@ -227,9 +232,7 @@ class Simulation:
         operator = self._operator if epoch == self.epoch else self._operator_at(epoch)
         time = epoch * self.period
         faulted = frozenset(f.channel for f in operator.faults if f.active(time) and epoch > 0)
-        truth, output = None, None
-        if epoch > 0:
-            _, truth, output = self._fly(self._state_at(epoch - 1), self._operator_at(epoch - 1))
+        truth, output = self._shown_at(epoch)
         return self._assembly.reporter.view(time, truth, output, operator.controls, faulted)
 
     @one_blas_thread
@@ -260,7 +263,7 @@ class Simulation:
             return self
         before = self._state
         after, truth, output = self._fly(before, self._operator)
-        self._state = after
+        self._state, self._shown = after, (truth, output)
         self._recording.append(self.now, self._assembly.reporter.row(truth, output))
         self._fault_edges(before.epoch * self.period, self.now)
         for run, kind, subject, detail in edges(
@@ -301,11 +304,11 @@ class Simulation:
         epoch = self._epoch_of("to", to)
         if epoch == self.epoch:
             return self
-        state, operator = self._state_at(epoch), self._operator_at(epoch)
+        (state, shown), operator = self._replayed(epoch), self._operator_at(epoch)
         time = epoch * self.period
         self._checkpoints = {e: s for e, s in self._checkpoints.items() if e <= epoch}
         self._operators = [(e, o) for e, o in self._operators if e <= epoch]
-        self._state, self._operator = state, operator
+        self._state, self._shown, self._operator = state, shown, operator
         self._recording.truncate(time)
         self._events = [event for event in self._events if event.time <= time + 1e-9]
         self._log = [command for command in self._log if command.time <= time + 1e-9]
@@ -321,7 +324,7 @@ class Simulation:
         twin._recording = self._recording.copy_until(time)
         twin._events = [event for event in self._events if event.time <= time + 1e-9]
         twin._log = [command for command in self._log if command.time <= time + 1e-9]
-        twin._state = self._state_at(epoch)
+        twin._state, twin._shown = self._replayed(epoch)
         twin._operator = self._operator_at(epoch)
         twin._operators = [(e, o) for e, o in self._operators if e <= epoch]
         twin._checkpoints = {e: s for e, s in self._checkpoints.items() if e <= epoch}
@@ -448,13 +451,29 @@ class Simulation:
     def _operator_at(self, epoch: int) -> Operator:
         return self._operators[bisect_right(self._operators, epoch, key=lambda pair: pair[0]) - 1][1]
 
-    def _state_at(self, epoch: int) -> State:
+    def _replayed(self, epoch: int) -> tuple[State, Shown | None]:
+        """State at an earlier epoch or now, and what it showed if that came by on the way there."""
         if epoch == self.epoch:
-            return self._state
+            return self._state, self._shown
         state = self._checkpoints[max(e for e in self._checkpoints if e <= epoch)]
+        shown: Shown | None = None
         while state.epoch < epoch:
-            state, _, _ = self._fly(state, self._operator_at(state.epoch))
-        return state
+            state, truth, output = self._fly(state, self._operator_at(state.epoch))
+            shown = (truth, output)
+        return state, shown
+
+    def _shown_at(self, epoch: int) -> Shown | tuple[None, None]:
+        """Truth and output of an epoch; of the one that is now without flying it again. Nothing before the first."""
+        if epoch == 0:
+            return None, None
+        shown = self._replayed(epoch)[1]
+        if shown is None:
+            # A checkpoint holds what the next epoch needs, not what this one showed.
+            _, truth, output = self._fly(self._replayed(epoch - 1)[0], self._operator_at(epoch - 1))
+            shown = (truth, output)
+            if epoch == self.epoch:
+                self._shown = shown
+        return shown
 
     def _epoch_of(self, field: str, time: float) -> int:
         if not math.isfinite(time) or not -1e-9 <= time <= self.now + 1e-9:

@@ -247,11 +247,11 @@ class Simulation:
         return self.scenario.model_copy(update={"commands": tuple(commands), "seed": self.seed})
 
     def to_parquet(self, path: str | Path) -> None:
-        """Write the recording as Parquet: time, run, then all signals in SI."""
+        """Write the recording as Parquet, whole or not at all: time, run, then all signals in SI. Raises OSError."""
         table.to_parquet(self._recording, path)
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the recording as CSV: time, run, then all signals in SI."""
+        """Write the recording as CSV, whole or not at all: time, run, then all signals in SI. Raises OSError."""
         table.to_csv(self._recording, path)
 
     # ---- time -----------------------------------------------------------------------------------------------------

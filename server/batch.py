@@ -15,6 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
+from ftcore.files import check_replaceable, replacing
 from ftcore.score import Score
 from server import problems, report
 from server.settings import UserError
@@ -22,9 +23,7 @@ from server.settings import UserError
 WRITERS: dict[str, Callable[[Simulation, Path], object]] = {
     ".parquet": lambda simulation, path: simulation.to_parquet(path),
     ".csv": lambda simulation, path: simulation.to_csv(path),
-    ".html": lambda simulation, path: path.write_bytes(
-        report.render(report.gather(simulation, simulation.scenario.title))
-    ),
+    ".html": lambda simulation, path: _report(simulation, path),
 }
 
 
@@ -38,9 +37,9 @@ def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> No
         raise UserError(f"--runs is {runs}; at least 1 is needed")
     write = None if out is None else _writer(out)
     try:
-        simulation = _simulation(scenario, runs, seed)
         if out is not None:
-            out.open("ab").close()  # better now than after the flight
+            check_replaceable(out)  # better now than after the flight
+        simulation = _simulation(scenario, runs, seed)
         console = Console()
         try:
             _advance(simulation, console)
@@ -53,7 +52,13 @@ def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> No
     except MemoryError:
         raise UserError(f"there is not enough memory for {runs} runs; fly fewer at a time, with other seeds") from None
     except OSError as error:
-        raise UserError(f"--out {out}: {error.strerror or error}") from None
+        raise UserError(f"--out {out} cannot be written: {error.strerror or error}") from None
+
+
+def _report(simulation: Simulation, path: Path) -> None:
+    page = report.render(report.gather(simulation, simulation.scenario.title))
+    with replacing(path) as unfinished:
+        unfinished.write_bytes(page)
 
 
 def _simulation(scenario: Scenario, runs: int, seed: int | None) -> Simulation:

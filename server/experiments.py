@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import time
 from collections.abc import Awaitable, Callable, Iterator
 from concurrent.futures import Executor
 from typing import Any, Literal, Protocol, TypeVar
@@ -19,7 +18,7 @@ from ftcore import CommandError, Fault, Simulation
 from ftcore.description import View
 from server.advances import Advance, Stop
 from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
-from server.pacing import Pacer, Speed
+from server.pacing import Clock, Pacer, Speed
 from server.problems import Refused
 
 T = TypeVar("T")
@@ -41,10 +40,11 @@ class Subscriber(Protocol):
 
 
 class Workers:
-    """Threads that fly, and the fair queue for them."""
+    """Threads that fly, the fair queue for them, and the clock that they fly by."""
 
-    def __init__(self, executor: Executor, threads: int) -> None:
+    def __init__(self, executor: Executor, threads: int, clock: Clock) -> None:
         self.executor = executor
+        self.clock = clock
         self.turns = asyncio.Semaphore(threads)
 
 
@@ -81,7 +81,7 @@ class Experiment:
         self.spare = False
         self.subscribers: set[Subscriber] = set()
         self._streams = 0
-        self._expected_until = time.monotonic() + EXPECTED
+        self._expected_until = workers.clock.now() + EXPECTED
         self.rewinds: list[float] = []
         self.reason: str | None = None
         self._simulation = simulation
@@ -140,17 +140,17 @@ class Experiment:
 
     def _fly_while(self, more: Callable[[int], bool]) -> None:
         """In a worker: step while ``more`` says so of the epoch, and until the slice is used up."""
-        enough = time.perf_counter() + SLICE
+        enough = self._workers.clock.now() + SLICE
         while more(self._simulation.epoch) and not self._simulation.finished:
             self._simulation.step()
-            if time.perf_counter() >= enough:
+            if self._workers.clock.now() >= enough:
                 break
 
     def _fly_by_the_clock(self) -> None:
         """In a worker: fly what is due when the turn begins. A clock that was stopped meanwhile flies nowhere."""
         pacer = self._pacer
         if self._state == "running" and self._advance is None:
-            due = pacer.due(self._simulation.epoch, time.monotonic())
+            due = pacer.due(self._simulation.epoch, self._workers.clock.now())
             self._fly_while(lambda epoch: due is None or epoch < due)
             pacer.flown(self._simulation.epoch)
 
@@ -179,7 +179,7 @@ class Experiment:
         starts = state == "running" and self._state == "paused"
         if starts or speed is not None:
             kept = self._pacer.speed if speed is None else speed
-            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, time.monotonic())
+            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, self._workers.clock.now())
         if starts:
             self._state = "running"
             if self._flight is None or self._flight.done():
@@ -202,20 +202,13 @@ class Experiment:
             if self._advance is not None:
                 await self._nudge.wait()
                 continue
-            wait = self._pacer.wait(self._simulation.epoch, time.monotonic())
-            if wait > 0.0 and await self._nudged_within(wait):
+            wait = self._pacer.wait(self._simulation.epoch, self._workers.clock.now())
+            if wait > 0.0 and await self._workers.clock.happens_within(self._nudge, wait):
                 continue
             try:
                 await self._turn(self._fly_by_the_clock)
             except Exception as error:
                 self._fail(error)
-
-    async def _nudged_within(self, seconds: float) -> bool:
-        try:
-            await asyncio.wait_for(self._nudge.wait(), seconds)
-        except TimeoutError:
-            return False
-        return True
 
     def _fail(self, error: Exception) -> None:
         _log.exception("experiment %s failed", self.id, exc_info=error)
@@ -261,7 +254,7 @@ class Experiment:
             if self._advance is advance:
                 self._advance = None
                 self._pacer = Pacer(
-                    self._simulation.period, self._pacer.speed, self._simulation.epoch, time.monotonic()
+                    self._simulation.period, self._pacer.speed, self._simulation.epoch, self._workers.clock.now()
                 )
                 self._nudge.set()
                 self._publish(at_once=True)
@@ -346,7 +339,7 @@ class Experiment:
             parent=self.parent,
             ghost_of=self.ghost_of,
             spare=self.spare,
-            watchers=self._streams or int(time.monotonic() < self._expected_until),
+            watchers=self._streams or int(self._workers.clock.now() < self._expected_until),
         )
 
     async def view(self) -> View:

@@ -19,6 +19,7 @@ from server import problems
 from server.advances import Advance
 from server.experiments import Experiment, Workers
 from server.models import whole
+from server.pacing import Clock
 from server.problems import Refused, at
 from server.settings import Settings
 from server.uploads import Uploads
@@ -34,9 +35,15 @@ class ReceiverLog:
 
 
 class ExperimentRegistry:
-    """The experiments of this server, and the uploaded files that they use. Lives on the event loop."""
+    """The experiments of this server, and the uploaded files that they use. Lives on the event loop.
 
-    def __init__(self, settings: Settings, uploads: Uploads) -> None:
+    Args:
+        settings: what can be set.
+        uploads: the folder of uploaded files.
+        clock: what experiments fly by; the machine's if absent.
+    """
+
+    def __init__(self, settings: Settings, uploads: Uploads, clock: Clock | None = None) -> None:
         self.settings = settings
         self.uploads = uploads
         self._experiments: dict[str, Experiment] = {}
@@ -44,7 +51,7 @@ class ExperimentRegistry:
         self.leaving = False
         self._reader = asyncio.Semaphore(1)  # reading a large log takes a core and some memory: one at a time
         self._executor = ThreadPoolExecutor(settings.workers, thread_name_prefix="flight")
-        self._workers = Workers(self._executor, settings.workers)
+        self._workers = Workers(self._executor, settings.workers, clock or Clock())
 
     def __len__(self) -> int:
         """Live experiments."""

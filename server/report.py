@@ -10,10 +10,9 @@ from functools import lru_cache
 from importlib import metadata, resources
 from typing import Any
 
-import orjson
-
 from ftcore import Simulation, units
 from server import series
+from server.encoding import to_json
 
 POINTS = 1200
 """About how many rows each chart is drawn from; extremes are kept."""
@@ -51,7 +50,7 @@ def gather(simulation: Simulation, title: str) -> dict[str, Any]:
 
 def render(facts: dict[str, Any]) -> bytes:
     """The page as HTML."""
-    data = orjson.dumps(facts, option=orjson.OPT_SERIALIZE_NUMPY).replace(b"<", b"\\u003c")
+    data = to_json(facts).replace(b"<", b"\\u003c")
     parts = {
         b"title": facts["title"].replace("&", "&amp;").replace("<", "&lt;").encode(),
         b"style": _resource("report.css"),

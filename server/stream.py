@@ -15,11 +15,11 @@ from collections import deque
 from typing import Any
 
 import msgspec
-import orjson
 from fastapi import WebSocket, WebSocketDisconnect
 
 from ftcore import Simulation
 from server.descriptions import signals_with_factors
+from server.encoding import to_json
 from server.experiments import Experiment
 from server.limits import Budget
 from server.models import ExperimentState
@@ -258,7 +258,7 @@ class Viewer:
         return self.experiment.describe(simulation), events, frames
 
     async def _send(self, message: dict[str, Any]) -> None:
-        await self.socket.send_text(orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY).decode())
+        await self.socket.send_text(to_json(message).decode())
 
 
 def events_before(simulation: Simulation, time: float) -> int:

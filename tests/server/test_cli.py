@@ -245,7 +245,7 @@ def test_it_serves_until_it_is_stopped(ftlab: Command) -> None:
         cwd=REPOSITORY,
     )
     try:
-        for _ in range(300):
+        for _ in range(1200):
             with contextlib.suppress(httpx.HTTPError):
                 assert httpx.get(f"http://127.0.0.1:{port}/api/v1/health").json()["status"] == "ok"
                 break
@@ -253,7 +253,7 @@ def test_it_serves_until_it_is_stopped(ftlab: Command) -> None:
         status, _, taken = ftlab("serve", "--port", str(port))
         assert (status, len(taken.splitlines())) == (2, 1)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=10)
+        out, err = process.communicate(timeout=120)
     finally:
         process.kill()
     assert f"http://127.0.0.1:{port}/" in out

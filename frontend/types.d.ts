@@ -42,7 +42,7 @@ export interface SystemDescription {
   blocks: Block[]; wires: Wire[]; scene: SceneItem[]; settings_schema: Schema; parameters_schema: Schema; fault_schema: Schema;
 }
 export interface Scenario { id: string; title: string; summary: string; hint: string; system: string; duration: number; source?: string }
-export interface Clock { state: "paused" | "running" | "finished" | "failed"; time: number; epoch: number; period: number; speed: number | "max"; duration: number; reason?: string | null }
+export interface Clock { state: "paused" | "running" | "advancing" | "finished" | "failed"; time: number; epoch: number; period: number; speed: number | "max"; duration: number; reason?: string | null }
 export interface Fault {
   id: string; channel: string; kind: string; magnitude: number; unit: string | null; start: number; end: number | null;
   state: "armed" | "active" | "ended";

@@ -17,6 +17,7 @@ from hand_clock import HandClock, laboratory
 from rest_lab import Flight, wait_until
 
 from ftcore import Fault, Scenario
+from server.advances import Advance
 from server.experiments import Experiment
 from server.pacing import SLIP, Pacer
 
@@ -65,7 +66,7 @@ def test_given_a_running_experiment_when_it_is_advanced_then_it_keeps_its_pace_f
             experiment = await registry.create(Scenario.model_validate(toy.scenario()))
             experiment.set_clock("running", 1.0)
             await clock.settled([experiment])
-            await experiment.advance(lambda _: 300)
+            await experiment.advance(Advance(), lambda _: 300, lambda _: None)
             assert experiment.describe(experiment._simulation).clock.state == "running"
             await clock.move(0.1, [experiment])  # finds itself elsewhere, and counts from here
             at = epochs(experiment)

@@ -25,6 +25,8 @@ RELATIVITY: Final = -4.442807633e-10
 """F of the relativistic clock correction [s/sqrt(m)]."""
 FIT: Final = 7200.0
 """How far from its time of ephemeris a set may be used [s]."""
+NEAREST, FARTHEST = 1.4e7, 4.5e7
+"""Distances from the Earth's centre [m] between which a GPS satellite can be at all; others are no orbit of one."""
 WEEK: Final = 604800.0
 """Seconds of a week."""
 
@@ -121,7 +123,8 @@ def states(e: Ephemerides, index: NDArray[np.int64], sent: Array) -> tuple[Array
 
 
 def satellites(e: Ephemerides, time: Array, pseudorange: Array) -> tuple[Array, Array]:
-    """All satellites of a log: position (epochs, s, 3) [m] and clock error in metres (epochs, s); NaN where unknown.
+    """All satellites of a log: position (epochs, s, 3) [m] and clock error in metres (epochs, s); NaN where unknown,
+    or where the parameters put it where no GPS satellite can be.
 
     Args:
         time: (epochs,) the receiver's time tags [s].
@@ -135,6 +138,10 @@ def satellites(e: Ephemerides, time: Array, pseudorange: Array) -> tuple[Array, 
         known = np.flatnonzero((index >= 0) & np.isfinite(pseudorange[:, s]))
         if len(known):
             sent = time[known] - pseudorange[known, s] / earth.SPEED_OF_LIGHT
-            position[known, s], seconds = states(e, index[known], sent)
-            clock[known, s] = seconds * earth.SPEED_OF_LIGHT
+            with np.errstate(all="ignore"):  # parameters may be any numbers; what comes of them is judged here
+                where, seconds = states(e, index[known], sent)
+                radius = np.sqrt(np.vecdot(where, where))
+            real = (radius > NEAREST) & (radius < FARTHEST) & (np.abs(seconds) < 1.0)
+            position[known[real], s] = where[real]
+            clock[known[real], s] = seconds[real] * earth.SPEED_OF_LIGHT
     return position, clock

@@ -216,7 +216,7 @@ def _unlocated(located: NDArray[np.bool_], pseudorange: Array) -> list[str]:
     heard = np.isfinite(pseudorange).sum(axis=0)
     worst = [f"G{s + 1:02d} in {lost[s]} of {heard[s]} epochs" for s in np.argsort(-lost, kind="stable") if lost[s]]
     more = f" and {len(worst) - 6} more" if len(worst) > 6 else ""
-    return [f"no healthy ephemeris of these hours, so not used: {', '.join(worst[:6])}{more}"]
+    return [f"no healthy and possible ephemeris of these hours, so not used: {', '.join(worst[:6])}{more}"]
 
 
 def _few(notes: list[str]) -> tuple[str, ...]:

@@ -46,11 +46,18 @@ P_STEADY = 1e-3
 
 @dataclass(frozen=True)
 class AltimeterState:
-    """The supervisor of the altimeter, and its latest innovations while it is out ``(runs, STEADY)``, newest last, NaN
-    before and where a reading was missing [m]."""
+    """What is carried from epoch to epoch.
+
+    Attributes:
+        supervisor: of the altimeter, one subject.
+        lately: its latest innovations in units of their standard deviation ``(runs, STEADY)``, newest last; NaN before
+            the flight and where a reading was missing.
+        out: ``(runs,)`` epochs for which it has been isolated.
+    """
 
     supervisor: supervisor.State
     lately: Array
+    out: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -61,8 +68,9 @@ class AltimeterEpoch:
         statistic, threshold, dof, alarm: ``(runs, 1)``; dof 0 without a reading.
         decision: of the supervisor, ``(runs, 1)``.
         innovation: ``(runs,)`` strapdown minus reading minus what was predicted of that [m]; NaN without a reading.
-        opened: ``(runs,)`` variance by which the bias is re-opened [m^2]; 0 where it does not come back now.
+        opened: ``(runs,)`` variance by which its bias is re-opened [m^2]; 0 if it is not back.
         shift: ``(runs,)`` by how much the bias was found to have changed [m].
+        age: ``(runs,)`` epochs since the most likely onset of a fault, 0 for this epoch; where it is isolated now.
     """
 
     statistic: Array
@@ -73,6 +81,7 @@ class AltimeterEpoch:
     innovation: Array
     opened: Array
     shift: Array
+    age: NDArray[np.int64]
 
     @property
     def used(self) -> Flags:
@@ -82,7 +91,7 @@ class AltimeterEpoch:
 
 def start(runs: int) -> AltimeterState:
     """Trusted, nothing seen."""
-    return AltimeterState(supervisor.start(runs, 1), np.full((runs, STEADY), np.nan))
+    return AltimeterState(supervisor.start(runs, 1), np.full((runs, STEADY), np.nan), np.zeros(runs, np.int64))
 
 
 def row(damping: Damping, states: int) -> Array:
@@ -118,11 +127,11 @@ def judge(
     agrees = there & (statistic <= limit)
     alarm = there & ~agrees
 
-    out = state.supervisor.health == supervisor.ISOLATED
-    lately, constant = state.lately, np.zeros(len(nu), bool)
-    if out.any():
-        lately = np.where(out, np.column_stack([lately[:, 1:], np.where(there, nu, np.nan)]), np.nan)
-        constant = out[:, 0] & _is_constant(lately, S)
+    lately = np.concatenate([state.lately[:, 1:], np.where(there, nu / np.sqrt(S), np.nan)[:, None]], axis=1)
+    out = np.where(state.supervisor.health[:, 0] == supervisor.ISOLATED, state.out + 1, 0)
+    constant = out >= STEADY
+    if constant.any():
+        constant = constant & _is_constant(lately)
     watched = state.supervisor
     if constant.any():
         passed = np.where(constant[:, None], rules.hold_off - 1, watched.streak)
@@ -134,7 +143,7 @@ def judge(
     back = decision.just_readmitted[:, 0]
     shift = np.zeros(len(nu))
     if back.any():
-        shift = np.where(back & constant & ~agrees, np.nan_to_num(lately).mean(axis=-1), 0.0)
+        shift = np.where(back & constant & ~agrees, np.nan_to_num(lately).mean(axis=-1) * np.sqrt(S), 0.0)
     epoch = AltimeterEpoch(
         statistic=statistic[:, None],
         threshold=limit[:, None],
@@ -144,11 +153,21 @@ def judge(
         innovation=np.where(there, nu, np.nan),
         opened=np.where(back, limit * S, 0.0),
         shift=shift,
+        age=_since_onset(lately) if decision.just_isolated.any() else np.zeros(len(nu), np.int64),
     )
-    return AltimeterState(supervision, lately), epoch
+    return AltimeterState(supervision, lately, out), epoch
 
 
-def _is_constant(lately: Array, S: Array) -> Flags:
+def _is_constant(lately: Array) -> Flags:
     """Whether innovations ``(runs, STEADY)`` scatter about their mean as by chance; never if one is missing."""
     spread = np.square(lately - lately.mean(axis=-1, keepdims=True)).sum(axis=-1)
-    return np.asarray(spread < chi_square.threshold(P_STEADY, STEADY - 1) * S)  # NaN makes it False
+    return np.asarray(spread < chi_square.threshold(P_STEADY, STEADY - 1))  # NaN makes it False
+
+
+def _since_onset(lately: Array) -> NDArray[np.int64]:
+    """Epochs since the most likely onset of a step in white innovations ``(runs, STEADY)``: the largest likelihood
+    ratio, sum^2 / count, of all sums that end now. Source: as :mod:`ftcore.detection.likelihood_ratio`."""
+    newest_first = lately[:, ::-1]
+    count = np.cumsum(~np.isnan(newest_first), axis=-1)
+    ratio = np.square(np.cumsum(np.nan_to_num(newest_first), axis=-1)) / np.maximum(count, 1)
+    return np.asarray(ratio.argmax(axis=-1))

@@ -70,10 +70,8 @@ def verdict(settings: Settings, decision: supervisor.Decision, present: Flags, t
     q, reject, dof = np.zeros(present.shape), np.zeros(present.shape), np.zeros(present.shape, np.int64)
     if settings.driving_test in _WITH_Q:
         driver = AID_TESTS.index(settings.driving_test)
-        q, reject, dof = (
-            v.reshape(len(v), -1)[:, 2 * driver : 2 * driver + 2] for v in (tests.statistic, tests.threshold, tests.dof)
-        )
-        dof = dof.astype(np.int64)
+        two = slice(2 * driver, 2 * driver + 2)
+        q, reject, dof = tests.statistic[:, two], tests.threshold[:, two], tests.dof[:, two].astype(np.int64)
     return Verdict(decision.use, decision.suspect, decision.just_readmitted, present, q, reject, dof)
 
 

@@ -23,17 +23,29 @@ from ftcore.estimation import federated, ins_error, kalman
 from ftcore.estimation.federated import Sharing
 from ftcore.estimation.strapdown import InsState, damping_gains
 from ftcore.readings import Readings
-from ftcore.systems.base import Controls, Flags, Notice, Output
-from ftcore.systems.sins_gps_doppler import aids, altimeter, bank, filtering, masters, satellites, strapdowns
-from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult, AidTests, AidTestState
+from ftcore.systems.base import Controls, Flags, Output
+from ftcore.systems.sins_gps_doppler import (
+    aids,
+    altimeter,
+    bank,
+    filtering,
+    hindsight,
+    history,
+    masters,
+    notices,
+    satellites,
+    strapdowns,
+)
+from ftcore.systems.sins_gps_doppler.aid_tests import AidTests, AidTestState
 from ftcore.systems.sins_gps_doppler.aids import Aid
-from ftcore.systems.sins_gps_doppler.altimeter import AltimeterEpoch, AltimeterState
+from ftcore.systems.sins_gps_doppler.altimeter import AltimeterState
 from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, REFERENCE, WITNESS, Filters
 from ftcore.systems.sins_gps_doppler.filtering import Turns
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
+from ftcore.systems.sins_gps_doppler.history import History
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
 from ftcore.systems.sins_gps_doppler.masters import Fused
-from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, CLUSTERS, EPOCH, SLOTS
+from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, EPOCH, SLOTS
 from ftcore.systems.sins_gps_doppler.reporter import Detail
 from ftcore.systems.sins_gps_doppler.satellites import SatelliteState
 
@@ -62,7 +74,9 @@ class NavigatorState:
     supervisor: supervisor.State
     members: Flags
     sharing: Sharing
+    master: str
     sound: NDArray[np.int64]
+    history: History
 
 
 class Navigator:
@@ -113,7 +127,9 @@ class Navigator:
             supervisor=supervisor.start(self._runs, len(SUBJECTS)),
             members=np.ones((1, len(SUBJECTS)), bool),
             sharing=sharing,
+            master=controls.settings.master,
             sound=np.zeros(self._runs, np.int64),
+            history=history.start(self._runs),
         )
 
     def step(self, state: NavigatorState, readings: Readings, controls: Controls) -> tuple[NavigatorState, Output]:
@@ -131,6 +147,8 @@ class Navigator:
             known = filters.estimate(FUSED)
             fresh = federated.start(known.x, known.P, sharing)
             filters = bank.replaced(filters, {i: (fresh.x[:, i], fresh.P[:, i]) for i in range(3)})
+        anew = sharing != state.sharing or settings.master != state.master
+        past = history.keep(state.history, filters, anew)
         filters = bank.predict(filters, Phi, Q, sharing, state.members)
         factors = federated.noise_factors(sharing, state.members)
         filters = filtering.bias_jump(filters, imu.changed, imu.bias_change, factors)
@@ -189,8 +207,44 @@ class Navigator:
         feeding = decided.use & has_reading
         sound, turns = _turns(state.sound, decision, feeding, settings.propagator_period)
         filters, made = filtering.conclude(settings, sharing, filters, updated, (gps, doppler), decided, turns)
-        if back.any():
-            tests_state = self._tests.reset(tests_state, back)
+        past = history.remember(
+            past,
+            history.Epoch(
+                settings,
+                sharing,
+                (controls.enabled["gps"], controls.enabled["doppler"]),
+                motion,
+                damping,
+                ins,
+                imu.changed,
+                imu.bias_change,
+                judged.opened,
+                judged.shift,
+                history.light(readings),
+                np.broadcast_to(state.members, (runs, 2)),
+                integrity.used,
+                decided,
+                turns,
+                np.zeros((runs, 3), bool),
+            ),
+            tests,
+            tests_state.cusum,
+            predictions,
+            driving,
+        )
+        past, filters, culprits = hindsight.review(
+            past,
+            filters,
+            decision.just_isolated,
+            (integrity.health == supervisor.ISOLATED) & (state.satellites.supervisor.health != supervisor.ISOLATED),
+            (judged.decision.just_isolated[:, 0], judged.age),
+            self._p.aiding,
+            self._altimeter_variance,
+        )
+        # A filter that was flown again has another past than what its tests remember.
+        renewed = back if culprits is None else back | culprits.renewed
+        if renewed.any():
+            tests_state = self._tests.reset(tests_state, renewed)
 
         after = NavigatorState(
             ins,
@@ -202,7 +256,9 @@ class Navigator:
             supervision,
             decision.members,
             sharing,
-            sound,
+            settings.master,
+            sound if culprits is None else np.where(culprits.named, 0, sound),
+            past,
         )
         detail = self._detail(readings, ins, filters, made, imu, gps, doppler, lines, judged.innovation)
         by_part = (tests, imu, imu.rest, integrity, judged)  # in the order of the description's tests
@@ -228,7 +284,13 @@ class Navigator:
                 ],
                 axis=-1,
             ),
-            notices=[*integrity.notices, *_notices(decision, imu, tests), *_of_altimeter(judged)],
+            notices=[
+                *integrity.notices,
+                *notices.of_aids(decision, tests),
+                *notices.of_imu(imu),
+                *notices.of_altimeter(judged),
+                *notices.flown_again(past, culprits),
+            ],
             detail=detail,
         )
         return after, output
@@ -248,7 +310,7 @@ class Navigator:
         altimeter_off: Array,
     ) -> Detail:
         runs = self._runs
-        shown, fused = [FUSED, *ALONE, CENTRAL], made.estimate
+        shown, fused = [FUSED, *ALONE, CENTRAL], filters.estimate(FUSED)
         two = InsState(ins.lla.reshape(runs, 2, 3), ins.v_n.reshape(runs, 2, 3), ins.C_nb.reshape(runs, 2, 3, 3))
         n = len(gps.columns) // 2
         there, taken = gps.present[:, :n], gps.valid[:, :n]
@@ -312,52 +374,3 @@ def _turns(
     sound = np.where((decision.suspect | decision.just_isolated).any(axis=-1), 0, sound + fed.any(axis=-1))
     due = sound >= period
     return np.where(due, 0, sound), Turns(np.asarray(decision.just_isolated.any(axis=-1)), due)
-
-
-def _notices(decision: supervisor.Decision, imu: ImuEpoch, tests: AidTestResult) -> list[Notice]:
-    notices = []
-    for j, subject in enumerate(SUBJECTS):
-        back, out = decision.just_readmitted[:, j], decision.just_isolated[:, j]
-        if back.any():
-            notices.append(Notice("filter.reset", subject, back, {}))
-        if out.any():
-            for column in np.unique(tests.culprit[out, j]):
-                if column >= 0:
-                    where = out & (tests.culprit[:, j] == column)
-                    part, unit = _channel(subject, int(column))
-                    numbers = {f"estimated_fault [{unit}]": tests.size[:, j]}
-                    notices.append(Notice("channel.named", f"{subject}.{part}", where, numbers))
-    names = tuple(CLUSTERS)
-    for c, cluster in enumerate(names):
-        for kind, where in (
-            ("integrity.cannot-isolate", imu.undecided.just_isolated[:, c]),
-            ("integrity.restored", imu.undecided.just_readmitted[:, c]),
-        ):
-            if where.any():
-                numbers = {"statistic": imu.rest.statistic[:, c], "threshold": imu.rest.threshold[:, c]}
-                notices.append(Notice(kind, f"imu.{cluster}", where, numbers))
-    if imu.changed.any():
-        numbers = {f"{name}s_used": imu.used[:, c].sum(axis=-1).astype(float) for c, name in enumerate(names)}
-        notices.append(Notice("imu.reconfigured", "imu", imu.changed, numbers))
-    return notices
-
-
-def _of_altimeter(judged: AltimeterEpoch) -> list[Notice]:
-    """How far the altimeter is off when it is put out, and what its bias is known to when it comes back."""
-    notices = []
-    out, back = judged.decision.just_isolated[:, 0], judged.decision.just_readmitted[:, 0]
-    if out.any():
-        notices.append(
-            Notice("channel.named", "altimeter.height", out, {"estimated_fault [m]": -np.nan_to_num(judged.innovation)})
-        )
-    if back.any():
-        numbers = {"bias_changed [m]": judged.shift, "bias_opened [m]": np.sqrt(judged.opened)}
-        notices.append(Notice("filter.reset", "altimeter", back, numbers))
-    return notices
-
-
-def _channel(subject: str, column: int) -> tuple[str, str]:
-    """Part and unit behind a measurement column."""
-    if subject == "gps":
-        return SLOTS[column % len(SLOTS)], "m" if column < len(SLOTS) else "m/s"
-    return "xyz"[column], "m/s"

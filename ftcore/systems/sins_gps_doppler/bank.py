@@ -96,39 +96,44 @@ def damp(filters: Filters, damping: Damping, variance: float, factors: Array, wr
     """
     if not damping.gains.any():
         return filters
-    right = np.ones(len(damping.height), bool) if wrong is None else ~wrong
     a = altimeter.row(damping, filters.x.shape[-1])
-    gains = damping.gains * np.stack([right, np.ones_like(right)], axis=-1)[..., None]
+    gains, right = damping.gains, damping.gains[:, 0].any(axis=-1)
+    if wrong is not None:
+        right = right & ~wrong
+        gains = gains * np.stack([right, np.ones_like(right)], axis=-1)[..., None]
     g = gains[:, INS_OF_FILTER[:WITNESS]]
+    k1, k2 = g[..., 0], g[..., 1]
     noise = np.full((len(a), WITNESS), variance)
     noise[:, :3] *= factors
     x, P = filters.x.copy(), filters.P.copy()
-    k1, k2 = g[..., 0, None], g[..., 1, None]
     others = P[:, :WITNESS]
     seen = np.vecdot(x[:, :WITNESS], a[:, None])
     w = np.matvec(others, a[:, None])
     c = 0.5 * (np.vecdot(w, a[:, None]) + noise)
-    w[..., HEIGHT] -= c * g[..., 0]
-    w[..., CLIMB] -= c * g[..., 1]
-    others[..., HEIGHT, :] -= k1 * w
-    others[..., CLIMB, :] -= k2 * w
-    others[..., :, HEIGHT] -= k1 * w
-    others[..., :, CLIMB] -= k2 * w
+    w[..., HEIGHT] -= c * k1
+    w[..., CLIMB] -= c * k2
+    down, slower = k1[..., None] * w, k2[..., None] * w
+    others[..., HEIGHT, :] -= down
+    others[..., CLIMB, :] -= slower
+    others[..., :, HEIGHT] -= down
+    others[..., :, CLIMB] -= slower
     others[..., CLIMB, HEIGHT] = others[..., HEIGHT, CLIMB]  # the two were added up in another order
-    x[:, :WITNESS, HEIGHT] -= g[..., 0] * seen
-    x[:, :WITNESS, CLIMB] -= g[..., 1] * seen
+    x[:, :WITNESS, HEIGHT] -= k1 * seen
+    x[:, :WITNESS, CLIMB] -= k2 * seen
 
-    taken = damping.gains[:, 0].any(axis=-1) & right
-    witness = kalman.update(
-        x[:, WITNESS], P[:, WITNESS], damping.above[:, :1], a[:, None], np.array([[variance]]), taken[:, None]
-    )
-    x[:, WITNESS], P[:, WITNESS] = witness.x, witness.P
+    # One row: the update is a division.
+    w = np.matvec(P[:, WITNESS], a)
+    S = np.vecdot(w, a) + variance
+    gain = w * (right / S)[:, None]
+    x[:, WITNESS] += gain * (damping.above[:, 0] - np.vecdot(a, x[:, WITNESS]))[:, None]
+    w *= np.sqrt(right / S)[:, None]
+    P[:, WITNESS] -= w[:, :, None] * w[:, None, :]
     moved = damping.gains[:, 0] * damping.above[:, :1]
     x[:, WITNESS, [HEIGHT, CLIMB]] -= moved
-    if not right.all():
-        known = np.flatnonzero(INS_OF_FILTER[:WITNESS] == 0)
-        x[:, known, HEIGHT] -= np.where(right, 0.0, moved[:, 0])[:, None]
-        x[:, known, CLIMB] -= np.where(right, 0.0, moved[:, 1])[:, None]
+    if wrong is not None and wrong.any():
+        moved = np.where(wrong[:, None], moved, 0.0)
+        for i in np.flatnonzero(INS_OF_FILTER[:WITNESS] == 0).tolist():
+            x[:, i, [HEIGHT, CLIMB]] -= moved
     return Filters(x, P)
 
 

@@ -24,6 +24,7 @@ from ftcore.systems.sins_gps_doppler.charts import charts
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.names import (
     AIDS,
+    ALTIMETER,
     AXES,
     CLUSTERS,
     EPOCH,
@@ -116,6 +117,15 @@ def _tests() -> list[Test]:
             may_drive=False,
         )
     )
+    found.append(
+        Test(
+            name="altimeter",
+            label=TEST_LABELS["altimeter"],
+            subjects=(ALTIMETER,),
+            dof="1",
+            source="FTLab: innovation before it damps the strapdown",
+        )
+    )
     return found
 
 
@@ -141,6 +151,9 @@ def _signals() -> list[Signal]:
                 group="output",
             )
         )
+    found.append(
+        Signal(name="discrepancy.altimeter", label="altimeter: reading minus its prediction", unit="m", group="output")
+    )
     found += [
         Signal(name="gps.satellites", label="satellites in use", unit="1", group="geometry"),
         Signal(name="gps.excluded", label="satellites left out", unit="1", group="geometry"),
@@ -170,7 +183,7 @@ def description() -> SystemDescription:
         subsystems=(
             Subsystem(name="gps", label="GPS"),
             Subsystem(name="doppler", label="Doppler"),
-            Subsystem(name="altimeter", label="Altimeter", isolable=False),
+            Subsystem(name="altimeter", label="Altimeter"),
         ),
         estimators=ESTIMATORS,
         tests=tuple(_tests()),

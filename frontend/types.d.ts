@@ -58,7 +58,7 @@ export interface Event { index: number; time: number; run: number; kind: string;
 export interface BlockView { health: Health; text: string }
 export interface ItemView { vector: [number, number, number] | null; health: Health; visible: boolean }
 export interface View { time: number; blocks: Record<string, BlockView>; items: Record<string, ItemView> }
-export interface HeadlineItem { label: string; value: number | null; unit: string; note?: string; compare_label: string | null; compare: number | null }
+export interface HeadlineItem { label: string; value: number | null; unit: string; note?: string; detail?: string; compare_label: string | null; compare: number | null }
 export interface Score { headline: HeadlineItem[] }
 export interface Series { time: number[]; signals: Record<string, (number | null)[]> }
 export interface LogLimits { observation_bytes: number; navigation_bytes: number; epochs: number }

@@ -82,7 +82,15 @@ def _tests() -> list[Test]:
         ("two-propagator-without-imm", "readings of the aid, 3", "Yang 2016 [20], innovation form", False),
     )
     found = [
-        Test(name=n, label=TEST_LABELS[n], subjects=tuple(AIDS), dof=dof, source=source, may_drive=drives)
+        Test(
+            name=n,
+            label=TEST_LABELS[n],
+            subjects=tuple(AIDS),
+            dof=dof,
+            source=source,
+            may_drive=drives,
+            reference=("imu",),
+        )
         for n, dof, source, drives in rows
     ]
     found += declared_imu_tests(TEST_LABELS, TESTS, unless="without the redundant IMU")

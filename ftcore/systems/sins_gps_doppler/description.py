@@ -95,7 +95,10 @@ def _tests() -> list[Test]:
         ("glr", "1 for each onset and channel", "Willsky and Jones"),
         ("cusum", "1 (normal scores of the residual statistic)", "Page; Brook and Evans"),
     )
-    found = [Test(name=n, label=TEST_LABELS[n], subjects=aids, dof=dof, source=source) for n, dof, source in rows]
+    found = [
+        Test(name=n, label=TEST_LABELS[n], subjects=aids, dof=dof, source=source, reference=("imu", "altimeter"))
+        for n, dof, source in rows
+    ]
     found += declared_imu_tests(TEST_LABELS, TESTS)
     found.append(
         Test(

@@ -104,7 +104,7 @@ class Settings(Supervised):
         default="innovation",
         title="Altimeter driven by",
         description="the test that isolates the altimeter: its innovation before it damps the strapdown. none: its "
-        "height is taken whatever it says, as in 000",
+        "height is taken whatever it says, as in Zhang 1992",
     )
     fusion_mode: Literal["fusion-reset", "no-reset", "zero-reset", "rescale"] = Field(
         default="fusion-reset",

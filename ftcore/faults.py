@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ftcore import units
+from ftcore.identifiers import Id
 
 Array = NDArray[np.float64]
 
@@ -86,9 +87,7 @@ class Fault(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    id: str | None = Field(
-        default=None, pattern=r"^[A-Za-z0-9_.-]{1,40}$", description="given by the simulation if absent"
-    )
+    id: Id | None = Field(default=None, description="given by the simulation if absent")
     channel: str = Field(description="<sensor>.<quantity>.<part>", max_length=80)
     kind: Kind
     magnitude: float = Field(default=0.0, ge=-1e9, le=1e9, description="in the unit of the kind and channel")

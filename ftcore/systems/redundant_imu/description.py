@@ -38,13 +38,13 @@ _AIR = {
     "height": ("Height", "m", 30.0),
 }
 _DOF = {
-    "parity": ("3", "001 (29)-(32)"),
-    "parity-trusted": ("3 with all gyros, 1 with two", "001 (29)-(32)"),
-    "isolation-angle": ("an angle, not a statistic", "001 section 4.1"),
+    "parity": ("3", "Kim 2005 (29)-(32)"),
+    "parity-trusted": ("3 with all gyros, 1 with two", "Kim 2005 (29)-(32)"),
+    "isolation-angle": ("an angle, not a statistic", "Kim 2005 section 4.1"),
     "fault-plane": ("1", "FTLab: the angle as a statistic"),
     "glt": ("1", "Daly, Gai and Harrison"),
     "optimal-parity": ("2", "Jin and Zhang, for two axes"),
-    "ukf": ("2", "001 (48)-(49)"),
+    "ukf": ("2", "Kim 2005 (48)-(49)"),
 }
 
 

@@ -142,7 +142,8 @@ def _of_alarms(description: SystemDescription, tests: Sequence[TestScore]) -> He
         note = f"of {epochs} tests of sound sensors: {rate} % ({intervals.between(low, high)})"
         if any(t.clustered for t in counted):
             note += f"; in {number(sum(t.stretches for t in counted), 'stretch', 'stretches')}"
-    return Headline(label="False alarms", value=float(alarms), unit="", note=note, detail=of_alarms(counted))
+    detail = f"{of_alarms(counted)}. What a fault explains counts as recovering for {description.recovery:g} s after it"
+    return Headline(label="False alarms", value=float(alarms), unit="", note=note, detail=detail)
 
 
 def _of_isolations(isolations: Sequence[IsolationScore], runs: int) -> Headline:
@@ -150,8 +151,8 @@ def _of_isolations(isolations: Sequence[IsolationScore], runs: int) -> Headline:
     count, hours = sum(s.count for s in isolations), sum(s.hours for s in isolations)
     exposure = f"in {hours:.3g} sensor-hours of use"
     if hours:
-        low, high = intervals.of_rate(count, hours)
-        exposure += f" (95 %: {low:.2g} to {high:.2g} an hour)" if count else f" (95 %: at most {high:.2g} an hour)"
+        low, high = (intervals.figure(x) for x in intervals.of_rate(count, hours))
+        exposure += f" (95 %: {low} to {high} an hour)" if count else f" (95 %: at most {high} an hour)"
     hit = sorted((s for s in isolations if s.count), key=lambda s: -s.count)
     words = []
     for score in hit[:NAMED]:

@@ -19,8 +19,10 @@ def test_given_two_axes_of_one_gyro_when_they_fail_together_then_it_is_one_failu
 
 
 def test_given_a_sound_gyro_when_it_is_accused_then_the_strip_says_so() -> None:
-    items = strip(Simulation(Scenario.load("kim-2005-conventional")).advance(until=3.0))
-    assert items["Isolated after"].note == "Gyro 1 named; wrongly: Gyro 3"
+    items = strip(Simulation(Scenario.load("kim-2005-mismatch")).advance(until=8.0))
+    assert items["Isolated after"].note == "wrongly: Gyro 3"
+    assert items["False isolations"].value == 1.0
+    assert items["False isolations"].note.startswith("Gyro 3 at 7.")
 
 
 def test_given_several_faults_then_the_strip_counts_who_was_named() -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.description import SystemDescription
+from ftcore.description import SystemDescription, Test
 from ftcore.faults import KINDS, ChannelAddress, Fault
 from ftcore.recording import Recording
 from ftcore.score.blame import Cause, Judge
@@ -213,6 +213,11 @@ def _readmitted(cause: Cause, named: Mapping[str, Spells], runs: int) -> tuple[F
     return at_end, back
 
 
+def watching(description: SystemDescription) -> list[Test]:
+    """Tests by which the system itself can find a fault."""
+    return [test for test in description.tests if not test.baseline]
+
+
 def words(score: FaultScore, description: SystemDescription) -> str:
     """One line about a fault that acted: found, named, who was wronged, each with its denominator."""
     single = score.acted.of == 1
@@ -221,14 +226,15 @@ def words(score: FaultScore, description: SystemDescription) -> str:
         return "" if single else f" in {share.words}"
 
     labels = {test.name: test.label for test in description.tests}
-    noticed = [(name, o) for name, o in score.alarms.items() if o.delay is not None]
+    alarms = {test.name: score.alarms[test.name] for test in watching(description) if test.name in score.alarms}
+    noticed = [(name, o) for name, o in alarms.items() if o.delay is not None]
     noticed.sort(key=lambda pair: (-pair[1].after_onset.count, pair[1].delay))
     parts = [] if single else [f"acted in {score.acted.words}"]
     if noticed:
         name, best = noticed[0]
         parts.append(f"noticed by {labels[name]} after {best.delay:g} s{counted(best.after_onset)}")
-    elif any(o.already.count for o in score.alarms.values()):
-        name, best = max(score.alarms.items(), key=lambda pair: pair[1].already.count)
+    elif any(o.already.count for o in alarms.values()):
+        name, best = max(alarms.items(), key=lambda pair: pair[1].already.count)
         parts.append(f"{labels[name]} already in alarm{counted(best.already)}")
     else:
         parts.append("not noticed by any test")

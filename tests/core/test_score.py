@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from ftcore import Fault, Scenario, Simulation
@@ -71,14 +72,15 @@ def test_given_the_victim_fails_later_then_the_wrong_isolation_is_not_forgotten(
 
 
 @pytest.mark.long
-def test_given_an_hour_with_faults_on_gps_then_an_innocent_star_tracker_that_is_thrown_out_shows() -> None:
-    sim = Simulation(Scenario.load("yang-2016-scenario-1")).advance()
+def test_given_a_fault_on_gps_at_20_minutes_then_an_innocent_star_tracker_that_is_thrown_out_shows() -> None:
+    sim = Simulation(Scenario.load("yang-2016-scenario-1")).advance(until=1800.0)
     score = sim.score()
     out = [e.time for e in sim.events if (e.kind, e.subject) == ("subsystem.isolated", "cns")]
     (cns,) = [i for i in score.isolations if i.subject == "cns"]
     assert [w.time for w in cns.first] == out[:20], "nothing is ever wrong with the star tracker here"
     tests = [t for t in score.tests if t.subject == "cns" and t.name.startswith("two-propagator")]
     assert tests
-    assert all(t.epochs == 3599 for t in tests), "its tests count in every epoch in which they are made"
+    made = {t.name: np.isfinite(sim[f"test.{t.name}.cns.statistic"]).sum() for t in tests}
+    assert {t.name: t.epochs for t in tests} == made, "its tests count whenever they are made, GPS faulty or not"
     (item,) = [h for h in score.headline if h.label == "False isolations"]
     assert item.value == sum(i.count for i in score.isolations)

@@ -25,6 +25,7 @@ TESTS = (
     DeclaredTest(name="residual", label="residual test", subjects=AIDS, dof="1", source="tests", reference=("imu",)),
     DeclaredTest(name="parity", label="parity test", subjects=GYROS, dof="1", source="tests"),
     DeclaredTest(name="satellite", label="satellite test", subjects=SATELLITES, dof="1", source="tests"),
+    DeclaredTest(name="old", label="old filter's test", subjects=("cns",), dof="1", source="tests", baseline=True),
 )
 USED = ("gps", "cns", "altimeter", "imu.gyro.1", "imu.gyro.2", "imu.gyro.3", "gps.C1", "gps.C2")
 CHANNELS = {
@@ -271,6 +272,13 @@ def test_given_a_test_in_alarm_at_onset_in_a_single_run_then_the_strip_says_alre
     item = score.headline[0]
     assert item.value is None
     assert item.note == "already in alarm: residual test"
+
+
+def test_given_only_a_baselines_test_notices_then_the_system_has_not_found_the_fault() -> None:
+    score = Flight().fault("cns.attitude.roll", 50.0).alarm("old", "cns", 52.0, 60.0).score()
+    assert only_fault(score).time_to_alarm["old"] == 2.0
+    assert "not noticed by any test" in only_fault(score).words
+    assert (score.headline[0].value, score.headline[0].note) == (None, "not noticed yet")
 
 
 def test_given_a_subject_isolated_at_onset_then_it_is_neither_isolated_for_it_nor_missed() -> None:

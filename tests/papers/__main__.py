@@ -28,10 +28,10 @@ def said(sim: Simulation) -> str:
     return f"({sim.runs} runs, seed {sim.seed})"
 
 
-def share(count: int, of: int) -> str:
+def share(count: int, of: int, what: str = "runs") -> str:
     """So many of so many with the exact interval."""
     low, high = intervals.of_share(count, of)
-    return f"{count} of {of} ({intervals.between(low, high)})"
+    return f"{count} of {of} {what} ({intervals.between(low, high)})"
 
 
 def first(sim: Simulation, kind: str, subject: str, start: float, end: float = np.inf) -> Array:
@@ -85,7 +85,7 @@ def zhang(seed: int | None) -> Iterator[Row]:
     yield (
         "zhang-1992, as printed: accelerometer bias of 1 ug from 30 s",
         f"moves the unprotected position by at most {1e3 * moved:.2g} mm by 49 s; parity alarms at 31 to 100 s in "
-        f"{share(int(rates[0].sum()), rates[0].size)} epochs, without it in {int(rates[1].sum())} {said(printed)}",
+        f"{share(int(rates[0].sum()), rates[0].size, 'epochs')}, without it in {int(rates[1].sum())} {said(printed)}",
     )
     at_once = {
         t: int(between(printed, f"test.{t}.gps.alarm", 49.0, 50.0).sum()) for t in ("residual", "two-propagator")
@@ -93,7 +93,7 @@ def zhang(seed: int | None) -> Iterator[Row]:
     alarms = between(printed, "test.state.gps.alarm", 49.0, 60.0) > 0.5
     yield (
         "zhang-1992: 100 m at 50 s, seen by the state test with a propagator that is never reset",
-        f"at some time from 50 to 60 s in {share(int(alarms.any(axis=0).sum()), RUNS)} runs; residual test in its "
+        f"at some time from 50 to 60 s in {share(int(alarms.any(axis=0).sum()), RUNS)}; residual test in its "
         f"first epoch in {at_once['residual']}, two-propagator test in {at_once['two-propagator']} {said(printed)}",
     )
 
@@ -187,7 +187,7 @@ def _ukf(sim: Simulation) -> str:
     others = {run for k in (2, 3) for run in runs_with(sim, "subsystem.isolated", f"imu.gyro.{k}")}
     return (
         f"UKF alarms for gyro 1 in {rates[0]:.1f} %, for gyro 3 in {rates[1]:.2f} % of the epochs judged from 1.04 s "
-        f"on; gyro 1 isolated in {share(len(out), sim.runs)} runs by {out.max():.2f} s, others in {len(others)}"
+        f"on; gyro 1 isolated in {share(len(out), sim.runs)} by {out.max():.2f} s, others in {len(others)}"
     )
 
 
@@ -230,7 +230,7 @@ def yang(seed: int | None) -> Iterator[Row]:
         )
         yield (
             f"yang-2016-scenario-1: {what}, first alarm",
-            f"in {share(len(found), sim.runs)} runs, {found.min()} to {found.max()} s, median {np.median(found):g} s"
+            f"in {share(len(found), sim.runs)}, {found.min()} to {found.max()} s, median {np.median(found):g} s"
             f"{tail} {said(sim)}",
         )
     del sim

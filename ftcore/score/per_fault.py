@@ -100,7 +100,7 @@ def tell(
     outcomes = {name: seen.outcome(acted) for name, seen in alarms.items()}
     isolated = isolation.outcome(acted)
     wronged = _wronged(cause, judge)
-    at_end, back = _readmitted(cause, named, judge.runs)
+    at_end, back = _readmitted(cause, named, recording)
     hit = np.any(list(wronged.values()), axis=0) if wronged else np.zeros(judge.runs, bool)
     wrong = share(int(hit.sum()), int(acted.sum()), ACTED)
     score = score.model_copy(
@@ -198,10 +198,11 @@ def _wronged(cause: Cause, judge: Judge) -> dict[str, Flags]:
     return found
 
 
-def _readmitted(cause: Cause, named: Mapping[str, Spells], runs: int) -> tuple[Flags, Array]:
+def _readmitted(cause: Cause, named: Mapping[str, Spells], recording: Recording) -> tuple[Flags, Array]:
     """Runs in which a culprit was out when the fault ended, and how long until it was back [s], ``(runs,)`` each."""
+    runs = len(cause.first)
     at_end, back = np.zeros(runs, bool), np.full(runs, np.nan)
-    if cause.fault.end is None:
+    if cause.fault.end is None or cause.fault.end > recording.time[-1] + SLACK:
         return at_end, back
     end = np.where(cause.acted, cause.fault.end, np.nan)
     for spells in named.values():

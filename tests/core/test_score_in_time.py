@@ -303,6 +303,21 @@ def test_delays_count_from_the_first_epoch_in_which_the_fault_acted_in_each_run(
     assert "2 of 3 runs" in fault.words
 
 
+def test_readmission_counts_from_the_end_of_the_fault_in_the_runs_that_were_out_then() -> None:
+    flight = Flight(runs=3).fault("cns.attitude.roll", 20.0, 40.0)
+    flight.isolate("cns", 22.0, 46.0, run=0).isolate("cns", 22.0, 30.0, run=1).isolate("cns", 22.0, 101.0, run=2)
+    fault = only_fault(flight.score())
+    assert fault.time_to_readmit == 6.0
+    assert fault.readmission is not None
+    assert (fault.readmission.count, fault.readmission.of) == (1, 2)
+
+
+def test_given_the_fault_is_not_over_then_nothing_is_said_of_readmission() -> None:
+    flight = Flight(seconds=30).fault("cns.attitude.roll", 20.0, 40.0, first=[20.0]).isolate("cns", 22.0, 31.0)
+    fault = only_fault(flight.score())
+    assert (fault.time_to_readmit, fault.readmission) == (None, None)
+
+
 def test_given_a_fault_that_never_acted_then_it_is_neither_found_nor_missed_and_says_why() -> None:
     flight = Flight(runs=2).fault("gps.pseudorange.C1", 20.0, first=[np.nan, np.nan])
     flight.isolate("gps", 25.0, 60.0).alarm("residual", "gps", 22.0, 60.0)

@@ -77,7 +77,8 @@ class PatientHTTP(H11Protocol):
         detail = "the head of the request is too long" if status == 431 else "this is not a request that can be read"
         body = json.dumps({"title": HTTPStatus(status).phrase, "status": status, "detail": detail}).encode()
         headers = [("content-type", "application/problem+json"), ("content-length", str(len(body)))]
-        answer = h11.Response(status_code=status, headers=[*headers, ("connection", "close")])
+        headers.append(("connection", "close"))
+        answer = h11.Response(status_code=status, headers=headers, reason=HTTPStatus(status).phrase)
         for part in (answer, h11.Data(data=body), h11.EndOfMessage()):
             self.transport.write(self.conn.send(part) or b"")
         self.transport.close()
@@ -130,7 +131,7 @@ class MeasuredWebSocket(WebSocketsSansIOProtocol):
         """Deal with the frames that came, if there are not too many."""
         if self._frames.spend(len(self.conn.events)) or not self.handshake_complete:
             super().handle_events()
-        elif not self.close_sent:
+        else:
             self._dismiss(1008, "too many messages")
 
     def send_receive_event_to_app(self) -> None:
@@ -145,12 +146,16 @@ class MeasuredWebSocket(WebSocketsSansIOProtocol):
 
     def _dismiss(self, code: int, reason: str) -> None:
         """Say why, read no more, and hang up a little later: at once, the reason would be lost with what is unread."""
-        self._dismissed = self.close_sent = True
-        self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
-        self.conn.send_close(code, reason)
-        self.transport.write(b"".join(self.conn.data_to_send()))
+        self._dismissed = True
+        if not self.close_sent:
+            self.close_sent = True
+            self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
+            self.conn.send_close(code, reason)
+            self.transport.write(b"".join(self.conn.data_to_send()))
         self.transport.pause_reading()
         self.read_paused = True
+        if self.close_timer is not None:
+            self.close_timer.cancel()
         self.close_timer = self.loop.call_later(GOODBYE, self.transport.close)
 
     async def receive(self) -> Any:

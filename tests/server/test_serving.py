@@ -260,6 +260,23 @@ TEXT, PING = Frame(Opcode.TEXT, b"{}"), Frame(Opcode.PING, b"")
 MORE = Frame(Opcode.CONT, b"", fin=False)
 
 
+def test_a_socket_that_floods_on_after_the_application_closed_it_is_not_read_to_the_end(
+    connect: Callable[..., Connection], loop: Loop
+) -> None:
+    async def refuses(scope: Any, receive: Any, send: Any) -> None:
+        await receive()
+        await send({"type": "websocket.accept"})
+        await send({"type": "websocket.close", "code": 4400, "reason": "no"})
+
+    browser = Browser(connect(refuses))
+    loop.turn()
+    browser.send(*[TEXT] * 20_000)
+    assert browser.told == (4400, "no")
+    assert browser.connection.wire.paused
+    loop.wait(serving.GOODBYE)
+    assert browser.connection.wire.closed
+
+
 @pytest.mark.parametrize(
     "flood", [[TEXT], [PING], [Frame(Opcode.PONG, b"")], [Frame(Opcode.TEXT, b"", fin=False), MORE]]
 )

@@ -18,13 +18,13 @@ help:
 $(VENV)/.run: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version_info < (3, 15) else "FTLab needs Python 3.11 to 3.14 (numpy has no wheels for others yet), this is " + sys.version.split()[0] + "; make PYTHON=python3.13 takes another")'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install -q -c constraints.txt -e '.[rinex]'
+	$(BIN)/pip install -q -c constraints.txt -e .
 	@$(BIN)/pip install -q -c constraints.txt -e '.[jsbsim]' || \
 	echo "JSBSim cannot be installed on this machine: its F-16 will say so when it is asked for, all else flies"
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.run
-	$(BIN)/pip install -q -c constraints.txt -e '.[rinex,dev]'
+	$(BIN)/pip install -q -c constraints.txt -e '.[dev]'
 	@touch $@
 
 setup: $(VENV)/.run

@@ -56,6 +56,11 @@ class Test(Described):
     may_drive: bool = True
     unit: str = "1"
     alarm_when: Literal["above", "below"] = "above"
+    reference: tuple[str, ...] = Field(
+        default=(),
+        description="sensors that the subject is tested against: a fault of theirs enters the statistic, so that an "
+        "alarm is no false one, yet nothing is wrong with the subject",
+    )
 
 
 class Signal(Described):
@@ -244,6 +249,13 @@ class SystemDescription(Described):
         default=(), description="signals whose worst absolute value the score strip shows: protected, then unprotected"
     )
     score_label: str = Field(default="Worst error", description="what the score strip calls it")
+    recovery: float = Field(
+        default=30.0,
+        ge=0.0,
+        description="how long after a fault's end, or its culprit's re-admission, its traces may be in the filters: so "
+        "long alarms and isolations that it explains are not counted as false",
+        json_schema_extra={"unit": "s"},
+    )
 
 
 class BlockView(Described):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 from ftcore import commands as desk
 from ftcore import recording as table
+from ftcore.acting import Deeds, follow
 from ftcore.commands import CommandError, LiveFault, Operator
 from ftcore.description import Signal, SystemDescription, View
 from ftcore.events import Event, edges, fault_detail
-from ftcore.faults import Fault, FaultMemory, apply
+from ftcore.faults import Acted, Fault
+from ftcore.injection import FaultMemory, apply
 from ftcore.noise import NoiseSource
 from ftcore.recording import Recording
 from ftcore.scenario import Change, Clear, Command, Configure, Inject, Scenario, Switch
@@ -58,6 +60,7 @@ class State:
     alarm: Flags
     health: NDArray[np.int8]
     used: Flags
+    deeds: Deeds = field(default_factory=Deeds)
 
 
 Shown = tuple[Any, Output]
@@ -183,6 +186,11 @@ class Simulation:
         return [desk.live(fault, self.now, self._channels) for fault in self._operator.faults]
 
     @property
+    def acted(self) -> Mapping[str, Acted]:
+        """When each fault changed what the navigator was given: fault id -> times and epochs ``(runs,)``."""
+        return {str(fault.id): self._state.deeds.of(fault, self.runs) for fault in self._operator.faults}
+
+    @property
     def subsystems(self) -> dict[str, SubsystemState]:
         """Subsystems and how they fare in run 0."""
         column = {name: i for i, name in enumerate(self._assembly.subjects)}
@@ -238,7 +246,16 @@ class Simulation:
     @one_blas_thread
     def score(self) -> Score:
         """The flight so far against the truth; see :mod:`ftcore.score`."""
-        return compute(self._recording, self._events, self._operator.faults, self.description, self._channels)
+        return compute(
+            self._recording,
+            self._events,
+            self._operator.faults,
+            self.description,
+            self._channels,
+            self.acted,
+            self._state.deeds.silent,
+            self.first_run,
+        )
 
     def document(self) -> Scenario:
         """The scenario with everything the operator did, ready to be flown again to the same bits."""
@@ -392,9 +409,12 @@ class Simulation:
         """One epoch as a pure function: plant, faults, navigator."""
         epoch = state.epoch + 1
         plant, truth, clean = self._assembly.plant.step(state.plant, epoch, state.command)
-        memory, readings = apply(operator.faults, self._channels, state.memory, clean, self._noise, epoch, self.period)
+        memory, readings, effects = apply(
+            operator.faults, self._channels, state.memory, clean, self._noise, epoch, self.period
+        )
         navigator, output = self._assembly.navigator.step(state.navigator, readings, operator.controls)
-        after = State(epoch, plant, navigator, memory, output.command, output.alarm, output.health, output.used)
+        deeds = follow(state.deeds, effects, operator, self._channels, output, epoch * self.period)
+        after = State(epoch, plant, navigator, memory, output.command, output.alarm, output.health, output.used, deeds)
         return after, truth, output
 
     def _inject(self, fault: Fault) -> Fault:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from rich.table import Table
 
 from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.files import check_replaceable, replacing
-from ftcore.score import Score
+from ftcore.score import Score, of_alarms
 from server import problems, report
 from server.settings import UserError
 
@@ -178,16 +179,18 @@ def _show(score: Score, simulation: Simulation, console: Console) -> None:
     for item in score.headline:
         against = f"{_number(item.compare, item.unit)} ({item.compare_label})" if item.compare_label else ""
         headline.add_row(item.label, f"{_number(item.value, item.unit)} {item.note}".rstrip(), against)
-    faults = _table("fault", "first alarm", "isolated after", "isolated", "wrongly isolated")
+    faults = _table("fault", "what came of it")
     for fault in score.faults:
-        delays = [delay for delay in fault.time_to_alarm.values() if delay is not None]
-        faults.add_row(
-            fault.label,
-            _number(min(delays, default=None), "s"),
-            _number(fault.time_to_isolate, "s"),
-            ", ".join(fault.isolated) or "-",
-            ", ".join(fault.wrong_isolations) or "-",
-        )
+        faults.add_row(fault.label, fault.words)
+    sound = _table("of the sound", "alarms and isolations")
+    labels = {test.name: test.label for test in simulation.description.tests}
+    for name, tests in groupby(score.tests, key=lambda test: test.name):
+        counted = [test for test in tests if test.epochs or test.reached_epochs]
+        if counted:
+            sound.add_row(labels[name], of_alarms(counted))
+    for subject in score.isolations:
+        if subject.count:
+            sound.add_row(subject.label, subject.words)
     estimators = _table("estimator", "position rms", "position worst", "velocity rms", "NEES")
     for name, estimator in score.estimators.items():
         estimators.add_row(
@@ -197,7 +200,7 @@ def _show(score: Score, simulation: Simulation, console: Console) -> None:
             _number(estimator.velocity.rms, "m/s"),
             _number(estimator.nees, f"of {estimator.nees_dof}" if estimator.nees_dof else ""),
         )
-    for table in (headline, faults, estimators):
+    for table in (headline, faults, sound, estimators):
         if table.row_count:
             console.print()
             console.print(table)

@@ -8,15 +8,15 @@ All work on a simulation is done in threads; the event loop only hands out turns
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 from typing import Any, Literal, Protocol, TypeVar
 
 from ftcore import CommandError, Fault, Simulation
 from ftcore.description import View
 from server.advances import Advance, Stop
+from server.attendance import PATIENCE, Attendance
 from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
 from server.pacing import Clock, Pacer, Speed
 from server.problems import Refused
@@ -24,8 +24,7 @@ from server.problems import Refused
 T = TypeVar("T")
 SLICE = 0.012
 """Longest turn of a clock [s]; the epoch that is under way is finished."""
-EXPECTED = 10.0
-"""How long a new experiment counts as watched by its maker, who is about to open a stream [s]."""
+LEFT_ALONE = f"the run was paused because no page had watched it for {PATIENCE:g} s"
 _log = logging.getLogger("ftlab")
 
 
@@ -80,8 +79,7 @@ class Experiment:
         self.picture = next((item.picture for item in self.description.scene), "")
         self.spare = False
         self.subscribers: set[Subscriber] = set()
-        self._streams = 0
-        self._expected_until = workers.clock.now() + EXPECTED
+        self.attendance = Attendance(workers.clock.now)
         self.rewinds: list[float] = []
         self.reason: str | None = None
         self._simulation = simulation
@@ -186,8 +184,10 @@ class Experiment:
         if state == "running":
             self._may_fly()
             self._no_other_advance("pause the clock first, or wait for its end")
+            self.reason = None
         elif state == "paused":
             self.stop_advance("paused")
+        self.attendance.commanded()
         starts = state == "running" and self._state == "paused"
         if starts or speed is not None:
             kept = self._pacer.speed if speed is None else speed
@@ -210,6 +210,9 @@ class Experiment:
     async def _run(self) -> None:
         """Fly at the clock's pace until paused, finished, failed or closed; an advance has the flight to itself."""
         while self._state == "running" and not self.closed:
+            if self.attendance.abandoned:
+                self._leave_alone()
+                return
             self._nudge.clear()
             if self._advance is not None:
                 await self._nudge.wait()
@@ -221,6 +224,12 @@ class Experiment:
                 await self._turn(self._fly_by_the_clock)
             except Exception as error:
                 self._fail(error)
+
+    def _leave_alone(self) -> None:
+        """Pause a run that a page started and no page watches any more; the clock says why."""
+        _log.info("experiment %s: %s", self.id, LEFT_ALONE)
+        self._state, self.reason = "paused", LEFT_ALONE
+        self._publish(at_once=True)
 
     def _fail(self, error: Exception) -> None:
         _log.exception("experiment %s failed", self.id, exc_info=error)
@@ -308,15 +317,6 @@ class Experiment:
             subscriber.rewound(now)
         self._publish(at_once=True)
 
-    @contextlib.contextmanager
-    def watched(self) -> Iterator[None]:
-        """Count someone who watches, for as long as it lasts."""
-        self._streams, self._expected_until = self._streams + 1, 0.0
-        try:
-            yield
-        finally:
-            self._streams -= 1
-
     # ---- what there is to see -------------------------------------------------------------------------------------
 
     async def state(self) -> ExperimentState:
@@ -352,7 +352,7 @@ class Experiment:
             parent=self.parent,
             ghost_of=self.ghost_of,
             spare=self.spare,
-            watchers=self._streams or int(self._workers.clock.now() < self._expected_until),
+            watchers=self.attendance.watchers,
         )
 
     async def view(self) -> View:

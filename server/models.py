@@ -98,7 +98,7 @@ class ClockState(Answer):
     period: float = Field(description="seconds between epochs", json_schema_extra={"unit": "s"})
     speed: float | Literal["max"] = Field(description="simulated seconds per second, or as fast as it goes")
     duration: float = Field(json_schema_extra={"unit": "s"})
-    reason: str | None = Field(default=None, description="why it failed")
+    reason: str | None = Field(default=None, description="why it failed, or was paused unasked")
 
 
 class FaultState(Answer):

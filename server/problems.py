@@ -144,13 +144,33 @@ def field_errors(
     """
     found: dict[tuple[Any, ...], FieldError] = {}
     for error in islice(errors, 5 * MOST_ERRORS):
-        inner = place(error["loc"], given)
+        inner = place(error["loc"], given) or _named_in(str(error["msg"]), form)
         detail, accepted = _in_words(error, inner, form)
         location = (*prefix, *inner)
         if location in found and detail != found[location].detail:
             detail = f"{found[location].detail}; or {detail}"
         found[location] = at(location, detail, accepted, source)
     return list(found.values())[:MOST_ERRORS]
+
+
+_PLAIN = {
+    "greater_than": "more than {gt} is needed",
+    "greater_than_equal": "at least {ge} is needed",
+    "less_than": "less than {lt} is needed",
+    "less_than_equal": "at most {le} is taken",
+    "finite_number": "a finite number is needed",
+    **dict.fromkeys(("float_type", "float_parsing"), "a number is needed"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number is needed"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false is needed"),
+    "string_type": "a text is needed",
+    "string_too_short": "a text of at least {min_length} characters is needed",
+    "string_too_long": "a text of at most {max_length} characters is needed",
+    **dict.fromkeys(("list_type", "tuple_type"), "a list is needed"),
+    "too_short": "at least {min_length} items are needed",
+    "too_long": "at most {max_length} items are taken",
+    **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "an object with named fields is needed"),
+}
+"""What pydantic says of a value, in plain words; whatever else it says is passed on."""
 
 
 def _in_words(error: Any, location: Sequence[Any], form: Any) -> tuple[str, list[str] | None]:
@@ -163,9 +183,18 @@ def _in_words(error: Any, location: Sequence[Any], form: Any) -> tuple[str, list
         return f"{location[-1]!r} is needed" if location else "a body is needed", None
     if error["type"] in ("literal_error", "enum"):
         return f"{_shown(error.get('input'))} is not accepted; {error['ctx']['expected']} is", None
+    if error["type"] in _PLAIN:
+        bounds = {name: f"{v:g}" if isinstance(v, float) else v for name, v in error.get("ctx", {}).items()}
+        detail = _PLAIN[error["type"]].format(**bounds)
     if error.get("input") is not None and not isinstance(error["input"], dict | list):
         return f"{detail}, not {_shown(error['input'])}", None
     return detail, None
+
+
+def _named_in(message: str, form: Any) -> tuple[Any, ...]:
+    """The field that a rule on the whole document speaks of: the one its sentence begins with, if there is one."""
+    first = message.removeprefix("Value error, ").split(" ", 1)[0]
+    return (first,) if first in (accepted_fields(form, ()) or ()) else ()
 
 
 def _shown(value: Any) -> str:
@@ -197,7 +226,11 @@ def _summary(errors: Sequence[FieldError]) -> str:
         return "the request cannot be taken"
     first = errors[0]
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-    return f"{first.field or 'body'}: {first.detail}{more}"
+    # A rule on several fields names them itself.
+    detail = (
+        first.detail if not first.field or first.detail.startswith(first.field) else f"{first.field}: {first.detail}"
+    )
+    return f"{detail}{more}"
 
 
 def install(app: FastAPI) -> None:

@@ -130,7 +130,7 @@ class Viewer:
         """Serve the socket until either side has enough."""
         self.experiment.subscribers.add(self)
         try:
-            with self.experiment.watched():
+            with self.experiment.attendance.watched():
                 errors = await until_one_ends(self._listen(), self._tell())
         finally:
             self.experiment.subscribers.discard(self)

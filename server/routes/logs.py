@@ -33,12 +33,13 @@ FORM: dict[str, Any] = {
         "observation": {
             "type": "string",
             "format": "binary",
-            "description": "RINEX 2 or 3 observation file, GPS, code on L1; `GET /logs` says how large",
+            "description": "RINEX 2 or 3 observation file, GPS, code on L1; plain, .gz, .Z, .bz2 or .crx; `GET /logs` "
+            "says how large, unpacked too",
         },
         "navigation": {
             "type": "string",
             "format": "binary",
-            "description": "RINEX 2 or 3 GPS navigation file of the same day",
+            "description": "RINEX 2 or 3 GPS navigation file of the same day, plain or packed",
         },
         "antenna": {
             "type": "string",

@@ -13,7 +13,6 @@ from tests.synthetic_log import Files, files
 
 from .lab import Lab
 
-pytest.importorskip("georinex", reason="georinex is not installed")
 EPOCHS = 30
 PICK = "Open a receiver log …"
 

@@ -109,7 +109,7 @@ def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
             "description": _MEANING[status],
             "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
         }
-        for status in sorted({403, *statuses})
+        for status in sorted({403, *statuses, *((408,) if 413 in statuses else ())})
     }
 
 

@@ -60,7 +60,10 @@ export const run = () =>
 
 export const pause = () => attempt(() => send(commands.clock(id(), { state: 'paused' })));
 
-export const toggle = () => (clockState() === 'running' ? pause() : run());
+/** Whether time goes by: by the clock, or by an advance that someone asked for. */
+export const flies = () => ['running', 'advancing'].includes(clockState());
+
+export const toggle = () => (flies() ? pause() : run());
 
 /** As toggle, for a key that is pressed without looking: a flight that is over is not flown anew by accident. */
 export const toggleUnlessOver = () => {
@@ -74,7 +77,7 @@ export const setSpeed = (speed) => attempt(() => send(commands.clock(id(), { spe
 
 export const step = () =>
   attempt(async () => {
-    if (clockState() === 'running') await pause();
+    if (flies()) await pause();
     store.set({ welcome: false });
     await send(commands.advance(id(), { epochs: 1 }));
   });

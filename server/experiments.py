@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 from typing import Any, Literal, Protocol, TypeVar
 
 from ftcore import CommandError, Fault, Simulation
 from ftcore.description import View
+from server.advances import Advance, Stop
 from server.attendance import PATIENCE, Attendance
 from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
-from server.pacing import Pacer, Speed
+from server.pacing import Clock, Pacer, Speed
 from server.problems import Refused
 
 T = TypeVar("T")
@@ -39,10 +39,11 @@ class Subscriber(Protocol):
 
 
 class Workers:
-    """Threads that fly, and the fair queue for them."""
+    """Threads that fly, the fair queue for them, and the clock that they fly by."""
 
-    def __init__(self, executor: Executor, threads: int) -> None:
+    def __init__(self, executor: Executor, threads: int, clock: Clock) -> None:
         self.executor = executor
+        self.clock = clock
         self.turns = asyncio.Semaphore(threads)
 
 
@@ -71,13 +72,14 @@ class Experiment:
         self.parent = parent
         self.ghost_of = ghost_of
         self.description = simulation.description
+        self.signals = frozenset(signal.name for signal in self.description.signals)
         self.scenario = simulation.scenario
         self.version = 0
         self.cursor: float | None = None
         self.picture = next((item.picture for item in self.description.scene), "")
         self.spare = False
         self.subscribers: set[Subscriber] = set()
-        self.attendance = Attendance()
+        self.attendance = Attendance(workers.clock.now)
         self.rewinds: list[float] = []
         self.reason: str | None = None
         self._simulation = simulation
@@ -87,6 +89,7 @@ class Experiment:
         self._pacer = Pacer(simulation.period, 1.0, 0, 0.0)
         self._nudge = asyncio.Event()
         self._flight: asyncio.Task[None] | None = None
+        self._advance: Advance | None = None
         self._view: tuple[int, View] | None = None
         self._busy: set[asyncio.Task[Any]] = set()
         self.closed = False
@@ -133,20 +136,20 @@ class Experiment:
             await self._alone(lambda: loop.run_in_executor(self._workers.executor, fly))
         self._publish()
 
-    def _fly_to(self, epoch: int) -> None:
-        """In a worker: step until ``epoch`` or until the slice is used up."""
-        enough = time.perf_counter() + SLICE
-        while self._simulation.epoch < epoch and not self._simulation.finished:
+    def _fly_while(self, more: Callable[[int], bool]) -> None:
+        """In a worker: step while ``more`` says so of the epoch, and until the slice is used up."""
+        enough = self._workers.clock.now() + SLICE
+        while more(self._simulation.epoch) and not self._simulation.finished:
             self._simulation.step()
-            if time.perf_counter() >= enough:
+            if self._workers.clock.now() >= enough:
                 break
 
     def _fly_by_the_clock(self) -> None:
         """In a worker: fly what is due when the turn begins. A clock that was stopped meanwhile flies nowhere."""
         pacer = self._pacer
-        if self._state == "running":
-            due = pacer.due(self._simulation.epoch, time.monotonic())
-            self._fly_to(self._simulation.last_epoch if due is None else due)
+        if self._state == "running" and self._advance is None:
+            due = pacer.due(self._simulation.epoch, self._workers.clock.now())
+            self._fly_while(lambda epoch: due is None or epoch < due)
             pacer.flown(self._simulation.epoch)
 
     def _publish(self, at_once: bool = False) -> None:
@@ -161,19 +164,22 @@ class Experiment:
     # ---- the clock ------------------------------------------------------------------------------------------------
 
     def set_clock(self, state: Literal["running", "paused"] | None, speed: Speed | None) -> None:
-        """Run, pause, or change the speed.
+        """Run, pause, or change the speed. A pause also stops an advance, after the epoch that is under way.
 
         Raises:
-            Refused: the flight is over or has failed.
+            Refused: the flight is over or has failed, or an advance flies that a running clock would overrun.
         """
         if state == "running":
             self._may_fly()
+            self._no_other_advance("pause the clock first, or wait for its end")
             self.reason = None
+        elif state == "paused":
+            self.stop_advance("paused")
         self.attendance.commanded()
         starts = state == "running" and self._state == "paused"
         if starts or speed is not None:
             kept = self._pacer.speed if speed is None else speed
-            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, time.monotonic())
+            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, self._workers.clock.now())
         if starts:
             self._state = "running"
             if self._flight is None or self._flight.done():
@@ -190,14 +196,17 @@ class Experiment:
             raise Refused(409, f"the flight is over at {self._simulation.now:g} s; rewind it, or fork from before")
 
     async def _run(self) -> None:
-        """Fly at the clock's pace until paused, finished, failed or closed."""
+        """Fly at the clock's pace until paused, finished, failed or closed; an advance has the flight to itself."""
         while self._state == "running" and not self.closed:
             if self.attendance.abandoned:
                 self._leave_alone()
                 return
             self._nudge.clear()
-            wait = self._pacer.wait(self._simulation.epoch, time.monotonic())
-            if wait > 0.0 and await self._nudged_within(wait):
+            if self._advance is not None:
+                await self._nudge.wait()
+                continue
+            wait = self._pacer.wait(self._simulation.epoch, self._workers.clock.now())
+            if wait > 0.0 and await self._workers.clock.happens_within(self._nudge, wait):
                 continue
             try:
                 await self._turn(self._fly_by_the_clock)
@@ -210,40 +219,78 @@ class Experiment:
         self._state, self.reason = "paused", LEFT_ALONE
         self._publish(at_once=True)
 
-    async def _nudged_within(self, seconds: float) -> bool:
-        try:
-            await asyncio.wait_for(self._nudge.wait(), seconds)
-        except TimeoutError:
-            return False
-        return True
-
     def _fail(self, error: Exception) -> None:
         _log.exception("experiment %s failed", self.id, exc_info=error)
         self._state = "failed"
         self.reason = f"{type(error).__name__}: {error}".splitlines()[0][:300]
         self._publish()
 
-    async def advance(self, goal: Callable[[Simulation], int]) -> None:
+    async def advance(
+        self, advance: Advance, goal: Callable[[Simulation], int], outcome: Callable[[Simulation], T]
+    ) -> T:
         """Fly as fast as it goes to the epoch that ``goal`` says now; others get their turns in between.
 
+        Args:
+            advance: what this flight is stopped by.
+            goal: the epoch to reach, for the simulation as it is.
+            outcome: what is wanted of the simulation when it is there, before anything else flies it on.
+
         Raises:
-            Refused: the experiment has failed, or fails on the way.
+            Refused: another advance flies, the experiment has failed or fails on the way, or the flight was stopped.
         """
-        target = await self.read(goal)
-        while self._simulation.epoch < target and not self._simulation.finished and not self.closed:
-            if self._state == "failed":
-                self._may_fly()
-            try:
-                await self._turn(lambda: self._fly_to(target))
-            except Exception as error:
-                self._fail(error)
+        self._no_other_advance("pause the clock to stop it, or wait for its end")
+        if self.closed:
+            advance.stop("deleted")
+        self._advance = advance
+
+        def landed(simulation: Simulation) -> T:
+            assert advance.goal is not None
+            if simulation.epoch < advance.goal or advance.stopped == "rewound":
+                raise advance.refusal(simulation.epoch, simulation.period)
+            return outcome(simulation)
+
+        try:
+            advance.goal = await self.read(goal)
+            while advance.flies(self._simulation.epoch):
+                if self._state == "failed":
+                    self._may_fly()
+                try:
+                    await self._turn(lambda: self._fly_while(advance.flies))
+                except Exception as error:
+                    self._fail(error)
+            return await self.read(landed)
+        finally:
+            if self._advance is advance:
+                self._advance = None
+                self._pacer = Pacer(
+                    self._simulation.period, self._pacer.speed, self._simulation.epoch, self._workers.clock.now()
+                )
+                self._nudge.set()
+                self._publish(at_once=True)
+
+    def stop_advance(self, why: Stop) -> None:
+        """Stop the advance that flies, if one does, after the epoch that is under way."""
+        if self._advance is not None:
+            self._advance.stop(why)
+
+    def _no_other_advance(self, instead: str) -> None:
+        """Raise Refused if an advance flies and nobody has stopped it."""
+        if self._advance is not None and self._advance.stopped is None:
+            goal = self._advance.goal
+            where = "" if goal is None else f" to {goal * self._simulation.period:g} s"
+            raise Refused(409, f"an advance{where} flies already; {instead}")
 
     async def rewind(self, to: float) -> None:
-        """Go back to an earlier moment; the clock stops there. Raises CommandError outside the flight."""
+        """Go back to an earlier moment; the clock stops there, and so does an advance.
+
+        Raises:
+            CommandError: outside the flight; nothing has changed, and an advance flies on.
+        """
 
         def back(simulation: Simulation) -> float:
             before = simulation.epoch
             simulation.rewind(to)
+            self.stop_advance("rewound")
             # On the way out of the lock the clock must find itself stopped, so this is said here and not afterwards.
             if simulation.epoch < before or self._state == "failed":
                 self._state, self.reason = "paused", None
@@ -266,6 +313,7 @@ class Experiment:
     def describe(self, simulation: Simulation) -> ExperimentState:
         """The experiment as it stands, for one who has the simulation."""
         scenario = simulation.scenario
+        advancing = self._advance is not None and self._advance.flies(simulation.epoch) and self._state != "failed"
         return ExperimentState(
             id=self.id,
             title=self.title,
@@ -273,7 +321,7 @@ class Experiment:
             seed=simulation.seed,
             scenario=ScenarioLabel(id=scenario.id, title=scenario.title, hint=scenario.hint),
             clock=ClockState(
-                state=self._state,
+                state="advancing" if advancing else self._state,
                 time=simulation.now,
                 epoch=simulation.epoch,
                 period=simulation.period,
@@ -329,6 +377,7 @@ class Experiment:
     async def close(self) -> None:
         """Stop the clock and wait until nobody is at work on the simulation."""
         self.closed = True
+        self.stop_advance("deleted")
         self._nudge.set()
         for subscriber in self.subscribers:
             subscriber.changed(at_once=True)

@@ -7,6 +7,7 @@ has changed.
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Container, Iterable, Sequence
 from http import HTTPStatus
@@ -78,7 +79,9 @@ def problem(
 ) -> Response:
     """A problem response."""
     body = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, errors=list(errors))
-    return Response(body.model_dump_json(exclude_none=True), status_code=status, media_type=MEDIA_TYPE, headers=headers)
+    # What was sent may be quoted in it, and may hold halves of surrogate pairs: `json` spells them, UTF-8 cannot.
+    content = json.dumps(body.model_dump(exclude_none=True))
+    return Response(content, status_code=status, media_type=MEDIA_TYPE, headers=headers)
 
 
 _MEANING = {
@@ -88,10 +91,12 @@ _MEANING = {
     404: "There is nothing of that name.",
     406: "None of the media types asked for can be given.",
     409: "Well-formed, but it contradicts itself or the state of the experiment. Nothing has changed.",
+    410: "It was deleted meanwhile.",
     413: "The body is too large.",
     415: "The body is not sent as the media type that is wanted.",
     422: "The request does not fit the schema. Nothing has changed.",
     429: "A limit of this server is reached.",
+    503: "The server is being stopped.",
 }
 
 

@@ -74,7 +74,7 @@ export class TopBar extends Panel {
     this.watch((s) => told(s.experiment?.clock.speed, s.rate), (text) => setText(flying, text));
     this.watch((s) => [s.experiment?.clock.state, s.experiment?.id], () => {
       const state = store.get().experiment?.clock.state;
-      play.textContent = state === 'running' ? 'Pause' : state === 'finished' ? 'Run again' : 'Run';
+      play.textContent = state === 'running' || state === 'advancing' ? 'Pause' : state === 'finished' ? 'Run again' : 'Run';
       play.title = state === 'finished' ? 'Back to the start, and fly again (space)' : 'Run or pause (space)';
       play.disabled = !state || state === 'failed';
     });

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import count
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
 from rest_lab import API
-
-from tests.bench.measure import best, once
 
 SLOW_TURN = {"flight": {"legs": [{}, {"bank": 70}], "speed": 350, "height": 10000}}
 IMU = f"{API}/systems/redundant-imu/indicators"
@@ -71,17 +68,3 @@ def test_an_unknown_system_is_404(client: TestClient) -> None:
     answer = client.post(f"{API}/systems/nothing/indicators", json={})
     assert answer.status_code == 404
     assert "redundant-imu" in answer.json()["detail"]
-
-
-@pytest.mark.alone
-def test_the_figures_come_within_50_milliseconds(client: TestClient) -> None:
-    client.post(IMU, json={})
-    angle = count(10)
-
-    def ask() -> None:
-        body = {"parameters": {"gyros": {"mounting": [next(angle), 20, 30]}}}
-        assert client.post(IMU, json=body).status_code == 200
-
-    least = best(lambda: once(ask), 0.05, 8)
-    print(f"indicators: {least}")
-    assert least.at_reference < 0.05

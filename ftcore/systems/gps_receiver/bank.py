@@ -60,6 +60,26 @@ def predict(bank: Bank, Phi: Array, Q: Array) -> Bank:
     return Bank(*kalman.predict(bank.x, bank.P, Phi, Q), bank.started)
 
 
+def relaid(bank: Bank, where: Flags, turn: Array, shift: Array) -> Bank:
+    """The filters in another level frame, in the runs ``where``: same estimates, other axes and origin.
+
+    Args:
+        turn: (runs, 3, 3) from the old axes to the new.
+        shift: (runs, 3) of the old origin in the new frame [m].
+    """
+    if not where.any():
+        return bank
+    T = np.broadcast_to(np.eye(STATES), (len(where), STATES, STATES)).copy()
+    for places in (PLACE[:3], RATE[:3]):
+        T[:, places[:, None], places] = turn
+    T = T[:, None]
+    x = np.matvec(T, bank.x)
+    x[..., PLACE[:3]] += shift[:, None]
+    P = T @ bank.P @ T.swapaxes(-1, -2)
+    row = where[:, None, None]
+    return Bank(np.where(row, x, bank.x), np.where(row[..., None], P, bank.P), bank.started)
+
+
 def design(H: Array) -> Array:
     """Rows for the 8 states (..., n, 8) from rows for position and clock (..., n, 4)."""
     wide = np.zeros((*H.shape[:-1], STATES))

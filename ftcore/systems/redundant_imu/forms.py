@@ -142,7 +142,8 @@ class Settings(Supervised):
     hybrid: bool = Field(
         default=True,
         title="Hybrid",
-        description="where several gyros are declared the UKF decides; off: all that are declared are isolated",
+        description="where several gyros are declared the UKF decides; off: it is said that nobody can be isolated, "
+        "and the readings that fit together best are flown on",
     )
     lead: int = Field(
         default=3,

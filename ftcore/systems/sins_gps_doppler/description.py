@@ -24,6 +24,7 @@ from ftcore.systems.sins_gps_doppler.charts import charts
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.names import (
     AIDS,
+    ALTIMETER,
     AXES,
     CLUSTERS,
     EPOCH,
@@ -94,7 +95,10 @@ def _tests() -> list[Test]:
         ("glr", "1 for each onset and channel", "Willsky and Jones"),
         ("cusum", "1 (normal scores of the residual statistic)", "Page; Brook and Evans"),
     )
-    found = [Test(name=n, label=TEST_LABELS[n], subjects=aids, dof=dof, source=source) for n, dof, source in rows]
+    found = [
+        Test(name=n, label=TEST_LABELS[n], subjects=aids, dof=dof, source=source, reference=("imu", "altimeter"))
+        for n, dof, source in rows
+    ]
     found += declared_imu_tests(TEST_LABELS, TESTS)
     found.append(
         Test(
@@ -114,6 +118,15 @@ def _tests() -> list[Test]:
             dof="ranges minus unknowns, and rates minus as many; none while it is off",
             source="Chey 2004; Brown 1992",
             may_drive=False,
+        )
+    )
+    found.append(
+        Test(
+            name="altimeter",
+            label=TEST_LABELS["altimeter"],
+            subjects=(ALTIMETER,),
+            dof="1",
+            source="FTLab: innovation before it damps the strapdown",
         )
     )
     return found
@@ -141,6 +154,9 @@ def _signals() -> list[Signal]:
                 group="output",
             )
         )
+    found.append(
+        Signal(name="discrepancy.altimeter", label="altimeter: reading minus its prediction", unit="m", group="output")
+    )
     found += [
         Signal(name="gps.satellites", label="satellites in use", unit="1", group="geometry"),
         Signal(name="gps.excluded", label="satellites left out", unit="1", group="geometry"),
@@ -170,7 +186,7 @@ def description() -> SystemDescription:
         subsystems=(
             Subsystem(name="gps", label="GPS"),
             Subsystem(name="doppler", label="Doppler"),
-            Subsystem(name="altimeter", label="Altimeter", isolable=False),
+            Subsystem(name="altimeter", label="Altimeter"),
         ),
         estimators=ESTIMATORS,
         tests=tuple(_tests()),

@@ -100,6 +100,12 @@ class Settings(Supervised):
     imu_driving_test: Literal["glt", "parity", "none"] = Field(
         default="glt", title="IMU driven by", description="the test that isolates an instrument of the redundant IMU"
     )
+    altimeter_driving_test: Literal["innovation", "none"] = Field(
+        default="innovation",
+        title="Altimeter driven by",
+        description="the test that isolates the altimeter: its innovation before it damps the strapdown. none: its "
+        "height is taken whatever it says, as in Zhang 1992",
+    )
     fusion_mode: Literal["fusion-reset", "no-reset", "zero-reset", "rescale"] = Field(
         default="fusion-reset",
         title="Fusion mode",

@@ -32,7 +32,7 @@ FAMILIES: tuple[Colour, ...] = (
     (170, 136, 80),
     (140, 110, 210),
 )
-"""Okabe-Ito in the order of the charts' lines, without vermilion and yellow, which mean something here; and two more."""
+"""Okabe-Ito in the order of the charts' lines, without vermilion and yellow, which mean something here."""
 
 HEALTH: dict[Health, Colour] = {
     "faulted": (213, 94, 0),

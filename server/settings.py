@@ -50,6 +50,9 @@ class Settings(BaseModel):
     )
     max_advance_epochs: int = Field(default=1_000_000, ge=1, description="largest single advance")
     workers: int = Field(default=2, ge=1, le=64, description="threads that step experiments")
+    sockets_per_client: int = Field(
+        default=256, ge=1, description="streams and scenes open from one address at the same time"
+    )
     streams_per_experiment: int = Field(default=32, ge=1, description="browsers watching one experiment")
     frontend: Path = Field(default=REPOSITORY / "frontend", description="folder of the page")
 

@@ -1,7 +1,7 @@
 """Weighted least squares on pseudoranges: a position and a clock from one epoch, for many runs at once.
 
 Unknowns are the offset from a *working point* (east, north, up) and the receiver clock, all in metres: y = H x + e,
-rows H = (-e_n, 1), where e_n is the unit vector from the receiver to the satellite (003 (1)). Shapes lead with
+rows H = (-e_n, 1), where e_n is the unit vector from the receiver to the satellite (Chey 2004 (1)). Shapes lead with
 ``(runs,)``; n satellites, of which those not ``valid`` drop out exactly as if they had been deleted.
 
 A working point that is D metres off costs D^2 / 2 rho of range, 2 um at 10 m and 25 mm at 1 km, so a solution is

@@ -15,7 +15,7 @@ from starlette.requests import ClientDisconnect
 from ftcore import CommandError
 from ftcore.sensors.rinex import LogError
 from ftcore.systems.base import NOISE_FLOOR
-from server.dependencies import Registry, SettingsOf
+from server.dependencies import Registry, SettingsOf, kept_for
 from server.models import ExperimentState, LogLimits
 from server.problems import FieldError, Refused, at, documented
 from server.registry import ReceiverLog
@@ -97,6 +97,7 @@ async def fly_log(request: Request, registry: Registry, settings: SettingsOf, re
         part = error.field.removeprefix("parameters.log").removeprefix(".")
         places = {"antenna": ["antenna"], "floor": ["noise_floor"]}.get(part, [part] if part in FILES else FILES)
         raise Refused(409, str(error), [at([place], str(error)) for place in places]) from None
+    await kept_for(request, experiment)
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
     return await experiment.state()
 

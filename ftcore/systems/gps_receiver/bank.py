@@ -1,4 +1,4 @@
-"""The three 8-state filters of the GPS receiver, carried over together: 003 (13)-(16).
+"""The three 8-state filters of the GPS receiver, carried over together: Chey 2004 (13)-(16).
 
     0  filter       position-velocity-clock filter with its own innovation test
     1  combined     takes what the snapshot test and the innovation test leave, and restarts from the snapshot

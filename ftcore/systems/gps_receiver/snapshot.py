@@ -1,4 +1,4 @@
-"""The snapshot method: one epoch on its own, solved, tested, and relieved of its culprits: 003, section 2."""
+"""The snapshot method: one epoch on its own, solved, tested, and relieved of its culprits: Chey 2004, section 2."""
 
 from __future__ import annotations
 

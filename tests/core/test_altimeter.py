@@ -89,7 +89,7 @@ def test_given_a_reading_known_to_have_been_wrong_then_its_damping_is_a_known_in
 # ---- the test, by itself
 
 
-def judged(state, above, height=5000.0, variance=1.0, known=1.0, present=True, settings=Settings()):
+def judged(state, above, height=5000.0, variance=1.0, known=1.0, present=True, settings=None):
     """One epoch of runs whose witness predicts 0 with variance `known` of height, and of nothing else."""
     above = np.asarray(above, dtype=float)
     runs = len(above)
@@ -98,7 +98,9 @@ def judged(state, above, height=5000.0, variance=1.0, known=1.0, present=True, s
     reading = Damping(
         np.full(runs, height), np.stack([above, above], axis=-1), np.full(runs, present), np.zeros((runs, 2, 2))
     )
-    return altimeter.judge(state, Estimate(np.zeros((runs, N)), P), reading, variance, True, settings, RULES)
+    return altimeter.judge(
+        state, Estimate(np.zeros((runs, N)), P), reading, variance, True, settings or Settings(), RULES
+    )
 
 
 def test_given_one_reading_then_its_statistic_is_the_square_over_the_variance_of_the_difference():

@@ -6,7 +6,7 @@ measurement,
 
     h_INS - h_baro = dh - E_po - E_hsf h_baro - noise,
 
-which the local filters must not do: a shared row would correlate them (000). To the witness the damping that follows is
+which the local filters must not do: a shared row would correlate them. To the witness the damping that follows is
 a known correction of the strapdown in metres, not noise. So its innovations are white and exactly chi-square on one
 degree of freedom. After a minute it knows dh - E_po - E_hsf h to a fraction of a metre, though neither dh nor E_po to
 better than several. A slow fault of GPS moves dh and E_po together and does not speak against the altimeter.
@@ -19,7 +19,7 @@ An altimeter that has another bias than before (when a fault ends that was too s
 Therefore, after `STEADY` epochs in which it differed from the prediction by a constant, it is taken back with that
 constant added to its bias.
 
-Source: FTLab's own; the altimeter's error model is 000's.
+Source: FTLab's own; the altimeter's error model is Zhang 1992's.
 """
 
 from __future__ import annotations

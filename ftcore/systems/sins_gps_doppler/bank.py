@@ -1,6 +1,6 @@
 """The bank of 21-state filters of the SINS/GPS/Doppler system, carried over together.
 
-    0, 1  local     the federation's local filters, with their shares of noise (000 (28)-(31))
+    0, 1  local     the federation's local filters, with their shares of noise (Zhang 1992 (28)-(31))
     2     master    the federation's master
     3     fused     the global estimate, carried over without inflation: what a measurement is admitted against
     4, 5  alone     SINS/GPS and SINS/Doppler as if the other did not exist: baselines, and what the tests run on

@@ -16,9 +16,10 @@ the epoch of their alarm. The earliest of a series of alarms counts, a series en
 epochs; and `MARGIN` epochs are added, in which a slow fault was too small to be seen. If the onset lies before the
 oldest bank that is kept, the flight starts from that.
 
-Contradiction. A driving test may be blind to a fault, and let the fused estimate swallow it; 000's state test is, after
-half a minute. Then the fused estimate contradicts the measurements that it takes in: their normalised innovations are
-summed over up to `WINDOW` epochs. If chance explains the sum with less than `P_CONTRADICTION`, and the aid's own tests
+Contradiction. A driving test may be blind to a fault, and let the fused estimate swallow it; the state test of Zhang
+1992 is, after half a minute. Then the fused estimate contradicts the measurements that it takes in: their normalised
+innovations are summed over up to `WINDOW` epochs. If chance explains the sum with less than `P_CONTRADICTION`, and the
+aid's own tests
 doubt it too, the aid was wrong since that doubt began: what it said until now is taken out again. It is not isolated;
 that is for the driving test to say.
 

@@ -1,9 +1,9 @@
 """The three masters of the SINS/GPS/Doppler system: how one estimate is made of two aids.
 
-    federated                the local filters' estimates are merged and shared out again (000)
+    federated                the local filters' estimates are merged and shared out again (Zhang 1992)
     covariance-intersection  the filters that are alone are merged as if nothing were known of their correlation
     tolerant                 the fused prediction is updated with every subset of the aids, and the four estimates are
-                             weighed by how far the driving test believes each aid (002)
+                             weighed by how far the driving test believes each aid (Yang 2016)
 
 Whom the supervisor has put out is out in all of them. The tolerant master goes further: an aid that has not alarmed,
 but is beyond the doubt threshold, counts in part, so the estimate does not jump when somebody is excluded. Its validity

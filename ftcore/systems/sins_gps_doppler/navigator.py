@@ -368,8 +368,8 @@ def _turns(
     It starts from a fused estimate that nobody had any doubts about: only after ``period`` epochs in which somebody fed
     it, ``fed (runs, 2)``, and nobody was suspected; until then the reference grows older, as its covariance says. And
     what the newer one took over before a culprit was found may be contaminated, so it is taken back: both go on from
-    the reference. 002 resets them every 30 s whatever happens; then a drift that is found too late makes the test of
-    every *other* sensor alarm a period later.
+    the reference. Yang 2016 resets them every 30 s whatever happens; then a drift that is found too late makes the test
+    of every *other* sensor alarm a period later.
     """
     sound = np.where((decision.suspect | decision.just_isolated).any(axis=-1), 0, sound + fed.any(axis=-1))
     due = sound >= period

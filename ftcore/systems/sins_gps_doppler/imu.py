@@ -6,7 +6,11 @@ calibration a healthy unit would alarm forever).
 
 With an instrument out, isolated or without a reading, the two that are left have one parity equation between them: they
 are watched by it, and if they disagree that is said, confirmed by the supervisor's m-of-n. Who of them it is cannot be
-told, both explain it alike, so nobody is accused and both go on: two are the least that can be solved.
+told, both explain it alike, so nobody is accused and both go on: two are the least that can be solved. If the one that
+is out has recovered, all three tell: without the new culprit they would agree. Then it comes back, and the other goes.
+
+With readings of fewer than two instruments a direction is not measured: there the last value is held, and the noise
+covariance grows by what that may miss (`HELD`).
 """
 
 from __future__ import annotations
@@ -27,16 +31,20 @@ from ftcore.systems.sins_gps_doppler.forms import Settings
 Array = NDArray[np.float64]
 CLUSTERS, INSTRUMENTS = 2, 3
 EVERY_CLUSTER = np.ones((1, CLUSTERS), bool)
+HELD = np.array([0.02, 1.0])
+"""1-sigma of what a held angular rate [rad/s] and specific force [m/s^2] miss, anew each second: FTLab's choice."""
 
 
 @dataclass(frozen=True)
 class ImuState:
     """What the trusted instruments of each cluster were found to say of each other, the supervisor of the six, and
-    which of them were used in the epoch before ``(runs, 2, 3)``."""
+    which of them were used in the epoch before ``(runs, 2, 3)``; body rates and forces of that epoch, of the protected
+    and the unprotected solution, mean over its samples ``(runs, 2, 2, 3)``."""
 
     rest: supervisor.State
     supervisor: supervisor.State
     used: Flags
+    body: Array
 
 
 @dataclass(frozen=True)
@@ -110,6 +118,7 @@ class RedundantImu:
             supervisor.start(runs, CLUSTERS),
             supervisor.start(runs, CLUSTERS * INSTRUMENTS),
             np.ones((runs, CLUSTERS, INSTRUMENTS), bool),
+            np.zeros((runs, 2, CLUSTERS, 3)),
         )
 
     def step(
@@ -144,11 +153,13 @@ class RedundantImu:
             driving = found[settings.imu_driving_test].alarm.reshape(runs, CLUSTERS, INSTRUMENTS)
         # Two instruments are the least that can be solved: while one is out, nobody else can be put out.
         driving = driving & (out | complete[..., None])
-        quiet = ~sight.alarm.reshape(runs, CLUSTERS)
+        # A long hold-off shall not keep out who is sound: it passes all of it with a probability of 90 % at least.
+        p_pass = min(p_fa, 0.1 / rules.hold_off)
+        back = parity.admission(sight, trusted.reshape(-1, INSTRUMENTS), alarm.reshape(-1), p_pass)
         supervision, decision = supervisor.step(
             state.supervisor,
             driving.reshape(runs, -1),
-            np.repeat(quiet, INSTRUMENTS, axis=-1),
+            back.reshape(runs, -1),
             np.ones((1, CLUSTERS * INSTRUMENTS), bool),
             rules,
         )
@@ -158,6 +169,11 @@ class RedundantImu:
         now, before = mask_index(used), mask_index(state.used)
         both = np.stack([now, mask_index(present)], axis=1)
         body = np.swapaxes(self._cluster.gains[both] @ samples[:, None], -1, -2)
+        noise = self._cluster.covariances[both] * np.square(self._density)[:, None, None]
+        if not self._cluster.observable[both].all():
+            unseen = np.eye(3) - self._cluster.gains[both] @ self._cluster.H
+            body = body + np.matvec(unseen, state.body)[..., None, :]
+            noise = noise + unseen * np.square(HELD)[:, None, None]
         change = self._cluster.gains[now] - self._cluster.gains[before]
         epoch = ImuEpoch(
             omega_b=body[:, :, 0],
@@ -173,9 +189,9 @@ class RedundantImu:
             used=used,
             changed=np.asarray((now != before).any(axis=-1)),
             bias_change=change @ change.swapaxes(-1, -2) * np.square(self._bias)[:, None, None],
-            noise=self._cluster.covariances[both] * np.square(self._density)[:, None, None],
+            noise=noise,
         )
-        return ImuState(rest_supervision, supervision, used), epoch
+        return ImuState(rest_supervision, supervision, used, body.mean(axis=-2)), epoch
 
 
 def _rest(sight: parity.Sight, readings: Array, trusted: Flags, complete: Flags) -> tuple[Rest, Flags]:

@@ -47,6 +47,7 @@ __all__ = [
     "Isolation",
     "Reference",
     "Sight",
+    "admission",
     "angle_test",
     "by_angle",
     "by_likelihood",
@@ -135,6 +136,19 @@ def look(reference: Reference, readings: Array, p_fa: float, used: Mask | None =
     FD = np.asarray(np.vecdot(whitened, whitened))
     dof, limit, alarm = decide(FD, reference.dof[out], p_fa)
     return Sight(reference, p_fa, out, used, p, whitened, FD, dof, limit, alarm)
+
+
+def admission(sight: Sight, trusted: Mask, disagree: Mask, p_fa: float) -> Mask:
+    """Who of those that are used in `sight`, but not `trusted`, may be trusted again, (runs, count).
+
+    trusted (runs, count); disagree (runs,): the trusted contradict each other. An instrument comes back when all of
+    `sight` agree, whoever was isolated; and, where the trusted disagree, when all would agree without one of these: a
+    single fault, which has left the one and reached the other, then explains everything. `p_fa`: of each comparison.
+    """
+    quiet = (sight.dof > 0) & ~decide(sight.FD, sight.dof, p_fa)[2]
+    without = (sight.outside_dof > 0) & ~decide(sight.outside, sight.outside_dof, p_fa)[2]
+    moved = disagree & (without & trusted).any(axis=-1)
+    return np.asarray((quiet | moved)[:, None] & sight.used & ~trusted)
 
 
 def by_plane(sight: Sight) -> Isolation:

@@ -77,12 +77,20 @@ def _channel(
 
 def _tests() -> list[Test]:
     rows = (
-        ("two-propagator", "readings of the aid, 3", "002 (12)-(13), innovation form", True),
-        ("two-propagator-state", "directions learned, up to 3", "002 (12)-(13), state form", True),
-        ("two-propagator-without-imm", "readings of the aid, 3", "002 [20], innovation form", False),
+        ("two-propagator", "readings of the aid, 3", "Yang 2016 (12)-(13), innovation form", True),
+        ("two-propagator-state", "directions learned, up to 3", "Yang 2016 (12)-(13), state form", True),
+        ("two-propagator-without-imm", "readings of the aid, 3", "Yang 2016 [20], innovation form", False),
     )
     found = [
-        Test(name=n, label=TEST_LABELS[n], subjects=tuple(AIDS), dof=dof, source=source, may_drive=drives)
+        Test(
+            name=n,
+            label=TEST_LABELS[n],
+            subjects=tuple(AIDS),
+            dof=dof,
+            source=source,
+            may_drive=drives,
+            reference=("imu",),
+        )
         for n, dof, source, drives in rows
     ]
     found += declared_imu_tests(TEST_LABELS, TESTS, unless="without the redundant IMU")

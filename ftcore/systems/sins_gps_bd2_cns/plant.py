@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 class Plant:
     """See :class:`ftcore.systems.base.Plant`. All runs fly the same path, each with its own sensors.
 
-    GPS and BD2 hand out positions with the errors of 002's Table 2; their constellations are there for the scene.
+    GPS and BD2 hand out positions with the errors of Yang 2016's Table 2; their constellations are there for the scene.
     """
 
     def __init__(self, p: Parameters, axes: Array, duration: float, noise: NoiseSource) -> None:

@@ -1,7 +1,7 @@
 """The redundant IMU as the navigator uses it: checked, reconfigured, solved for body rates and specific force.
 
 Gyros and accelerometers are two clusters of the same geometry; arrays lead with ``(runs, 2)``. Detection works on the
-mean over an epoch. The parity vector is calibrated before the flight (000 leaves the axis biases out; without a
+mean over an epoch. The parity vector is calibrated before the flight (Zhang 1992 leaves the axis biases out; without a
 calibration a healthy unit would alarm forever). Where the axes have scale-factor errors, which a rate or a specific
 force excites, the calibration goes on in flight (:mod:`ftcore.detection.parity_calibration`).
 

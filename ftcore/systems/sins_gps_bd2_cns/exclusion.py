@@ -48,8 +48,8 @@ def decide(
 ) -> tuple[supervisor.State, supervisor.Decision]:
     """Who is suspected and isolated by the driving test, and who is readmitted.
 
-    ``turned (runs, 3, k)``: what errors of the gyros that no filter models have turned the attitude by since the last
-    star fix, each of them by 1-sigma [rad].
+    ``turned (runs, 3, k)``: what errors of the gyros that no filter models have turned the attitude by, each of them by
+    1-sigma, as far as star fixes have not taken it away again [rad].
     """
     settings: Settings = controls.settings
     driving = examined.driving
@@ -59,18 +59,17 @@ def decide(
     counted = None
     if not trusting and (alarm.any() or (state.health >= supervisor.ISOLATED).any()):
         p_fa = settings.false_alarm_probability
-        fits = agrees_with_filter(examined, m, p_fa)
-        admitted = admitted & (~examined.innovation.alarm & fits | examined.believed)
+        admitted = admitted & (agrees(examined, m, p_fa) | examined.believed)
         if driving is examined.innovation:
             counted = convicts(examined, m, p_fa, turned)
     enabled = np.array([[controls.enabled[name] for name in AIDS]])
     return supervisor.step(state, alarm, admitted, enabled, rules, counted)
 
 
-def agrees_with_filter(examined: Examined, m: Measured, p_fa: float) -> Flags:
-    """Whether each aid's measurement agrees with the filter's prediction, ``(runs, 3)``."""
+def agrees(examined: Examined, m: Measured, p_fa: float) -> Flags:
+    """Whether each aid's measurement agrees with the reference and with the filter's prediction, ``(runs, 3)``."""
     found = _against_filter(examined, m, m.R.reshape(len(AIDS), -1))
-    return np.asarray(found.statistic <= chi_square.threshold(p_fa, found.dof))
+    return ~examined.innovation.alarm & (found.statistic <= chi_square.threshold(p_fa, found.dof))
 
 
 def convicts(examined: Examined, m: Measured, p_fa: float, turned: Array) -> Flags:
@@ -89,6 +88,18 @@ def convicts(examined: Examined, m: Measured, p_fa: float, turned: Array) -> Fla
     vague = np.trace(found.covariance, axis1=-2, axis2=-1) > 2.0 * R.sum(axis=-1)
     once, twice = (chi_square.threshold(p, found.dof) for p in (p_fa, p_fa**2))
     return np.asarray(found.statistic > np.where(vague, twice, once))
+
+
+def kept(turned: Array, examined: Examined, m: Measured) -> Array:
+    """What is left of ``turned`` after this epoch's star fix: all but the filter's gain times the weight of the fix.
+
+    That is how the error of a filter answers to parameters that are considered and not estimated: (I - K H) times what
+    it was. The gain is taken as alike for all angles. Source: S.F. Schmidt (1966).
+    """
+    prior = examined.updates.prior
+    predicted = np.vecdot(prior.mu, np.trace(prior.P[..., ins_error.ATTITUDE, ins_error.ATTITUDE], axis1=-2, axis2=-1))
+    gain = predicted / (predicted + m.R[LAYOUT.slices[STARS]].sum())
+    return np.asarray((1.0 - examined.beta[:, STARS] * gain)[:, None, None] * turned)
 
 
 def _against_filter(examined: Examined, m: Measured, R: Array) -> Innovation:

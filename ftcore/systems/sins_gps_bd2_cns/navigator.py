@@ -55,7 +55,7 @@ class NavigatorState:
         learned, reach: of the protected strapdown, by how much what was learned has turned it ``(runs, 3)`` [rad], and
             how its attitude answers to the data sheet of the gyros ``(runs, 3, 6)``; see :class:`Motion`.
         usual: body rates of late ``(runs, 3)`` [rad/s]: what their scale factors make of them is taken for gyro drift.
-        turned: what scale factors of 1-sigma have turned the attitude by since the last star fix that was taken in
+        turned: what scale factors of 1-sigma have turned the attitude by, as far as star fixes have not taken it away
             ``(runs, 3, 6)`` [rad]: at the rates flown, and through the drift that was learned at the usual ones.
         main, conventional: fault-tolerant filters with IMM and without.
         unprotected: IMM of all aids without any test, ``(runs, 2, ...)``.
@@ -193,7 +193,7 @@ class Navigator:
             state.learned,
             state.reach,
             state.usual,
-            np.where(used[:, STARS, None, None], 0.0, state.turned),
+            exclusion.kept(state.turned, examined, m),
             imu_state,
             main,
             conventional,

@@ -69,6 +69,8 @@ def _tests() -> list[Test]:
             dof=whole,
             source="Chey 2004 (9)-(12)",
             probability="exact",
+            probability_note="a satellite alarms only where the whole does and names it, at an eighth of the stated "
+            "probability",
         ),
         Test(
             name="innovation",

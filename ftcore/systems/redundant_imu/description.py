@@ -56,7 +56,13 @@ _OF_TEST: dict[str, tuple[str, str, Probability]] = {
     "ukf": ("2", "Kim 2005 (48)-(49)", "approximate"),
 }
 
-_UKF = "it runs after an alarm only, and its model of the aircraft is wrong by a few per cent"
+_NOTES = {
+    "isolation-angle": "a gyro alarms only where FD does and points at it, at a quarter of the stated probability",
+    "fault-plane": "a gyro alarms only where FD does and points at it, at 0.5 to 0.9 of the stated probability",
+    "glt": "a gyro alarms only where FD does and no other explains it as well, at 0.06 of the stated probability",
+    "optimal-parity": "a gyro alarms only where no other explains it as well, at 0.06 of the stated probability",
+    "ukf": "it runs after an alarm only, and its model of the aircraft is wrong by a few per cent: not measured",
+}
 
 
 def _channels() -> list[Channel]:
@@ -108,7 +114,7 @@ def _tests() -> list[Test]:
                 alarm_when="below" if below else "above",
                 reference=("air",) if name == "ukf" else (),
                 probability=probability,
-                probability_note=_UKF if name == "ukf" else "",
+                probability_note=_NOTES.get(name, ""),
             )
         )
     return found

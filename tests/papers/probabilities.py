@@ -48,7 +48,7 @@ class Flown:
 FLIGHTS = (
     Flown(
         "zhang-1992",
-        100,
+        50,
         100.0,
         {},
         {"driving_test": "none", "imu_driving_test": "none", "altimeter_driving_test": "none"}

@@ -13,9 +13,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
+from ftcore import CommandError, FlightError, Scenario, Simulation, catalogue
 from ftcore.score import Score
 from server import problems, report
+from server.models import NewFault
 from server.settings import UserError
 
 WRITERS: dict[str, Callable[[Simulation, Path], object]] = {
@@ -45,6 +46,8 @@ def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> No
             _advance(simulation, console)
         except CommandError as error:
             raise UserError(f"the scenario's command at {simulation.now:g} s is refused: {error}") from None
+        except FlightError as error:
+            raise UserError(f"{error}; up to then it can be flown with a shorter duration") from None
         _show(simulation.score(), simulation, console)
         if out is not None and write is not None:
             write(simulation, out)
@@ -122,9 +125,9 @@ def _fault(text: str) -> dict[str, Any]:
     """A fault as JSON, checked as far as it can be without a system."""
     try:
         given = json.loads(text)
-        return Fault.model_validate_json(text, strict=True).model_dump(mode="json", exclude_unset=True)
+        return NewFault.model_validate_json(text, strict=True).model_dump(mode="json", exclude_unset=True)
     except ValidationError as error:
-        raise UserError(f"--fault {text}: {problems.from_validation(error, given, Fault).detail}") from None
+        raise UserError(f"--fault {text}: {problems.from_validation(error, given, NewFault).detail}") from None
     except (ValueError, RecursionError):
         example = '{"channel": "gps.pseudorange.G11", "kind": "bias", "magnitude": 60, "start": 600}'
         raise UserError(f"--fault {text} is not JSON; for instance {example} is") from None
@@ -181,6 +184,9 @@ def _show(score: Score, simulation: Simulation, console: Console) -> None:
             ", ".join(fault.isolated) or "-",
             ", ".join(fault.wrong_isolations) or "-",
         )
+    deeds = _table("fault", "first acted at", "epochs", "at the end")
+    for name, first, epochs, now in report.deeds(simulation):
+        deeds.add_row(name, _number(first, "s"), str(epochs), now)
     estimators = _table("estimator", "position rms", "position worst", "velocity rms", "NEES")
     for name, estimator in score.estimators.items():
         estimators.add_row(
@@ -190,7 +196,7 @@ def _show(score: Score, simulation: Simulation, console: Console) -> None:
             _number(estimator.velocity.rms, "m/s"),
             _number(estimator.nees, f"of {estimator.nees_dof}" if estimator.nees_dof else ""),
         )
-    for table in (headline, faults, estimators):
+    for table in (headline, faults, deeds, estimators):
         if table.row_count:
             console.print()
             console.print(table)

@@ -113,6 +113,9 @@ class FaultState(Answer):
     angular_frequency: float = Field(description="of a sine", json_schema_extra={"unit": "rad/s"})
     rate: float = Field(description="of outliers: probability of a spike in each sample")
     state: Literal["armed", "active", "ended"]
+    acting: bool = Field(description="whether it changed what the navigator was given in the last epoch")
+    acted_epochs: int = Field(description="in how many epochs it has done so")
+    silent_because: str | None = Field(description="why it is not acting; null while it is")
 
 
 class SubsystemStatus(Answer):
@@ -144,6 +147,7 @@ class ExperimentState(Answer):
     subsystems: dict[str, SubsystemStatus]
     settings: dict[str, Any]
     unavailable: dict[str, str] = Field(description="channels that this experiment has not, and what would bring them")
+    not_in_view: list[str] = Field(description="channels without a reading in the last epoch; no fault acts there now")
     parent: str | None = Field(description="the experiment this one was forked from")
     ghost_of: str | None = Field(description="the experiment this one is the fault-free twin of")
     spare: bool = Field(description="whether a page may take it over, or delete it, while nobody has touched it")
@@ -240,7 +244,7 @@ class Cursor(Request):
 
 
 class NewFault(Fault):
-    """A fault to inject; start defaults to now."""
+    """A fault to inject; start defaults to now. A field that its kind has no use for is refused, whatever its value."""
 
     model_config = ConfigDict(
         strict=True,
@@ -248,6 +252,7 @@ class NewFault(Fault):
             "examples": [{"channel": "gps.pseudorange.C1", "kind": "bias", "magnitude": 100.0, "start": 50.0}]
         },
     )
+    defaults_say_nothing = False
 
 
 class FaultChange(Request):

@@ -14,6 +14,7 @@ from ftcore.faults import KINDS
 from ftcore.systems.gps_receiver.names import ESTIMATORS, SLOTS
 from tests.bench.flights import by_epochs
 from tests.bench.measure import best, reached
+from tests.faulting import lay, sized
 
 DESCRIPTION = catalogue.system("gps-receiver")
 CHEY = Scenario.load("chey-2004")
@@ -129,9 +130,7 @@ def test_given_any_schedule_then_nothing_crashes_and_what_must_be_a_number_is_on
         for channel, kind, magnitude, start, length in faults:
             if start == epoch:
                 size = min(magnitude, 10.0) if kind == "delay" else magnitude
-                sim.inject(
-                    Fault(channel=channel, kind=kind, magnitude=size, end=None if length is None else sim.now + length)
-                )
+                lay(sim, sized(channel, kind, size, end=None if length is None else sim.now + length))
         if outage and epoch in (8, 12):
             sim.switch("gps", epoch == 12)
         sim.step()

@@ -49,7 +49,7 @@ def ftlab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 @pytest.fixture
 def short(tmp_path: Path) -> str:
     path = tmp_path / "short.json"
-    path.write_text(Scenario.load("zhang-1992").model_copy(update={"duration": 5.0}).model_dump_json())
+    path.write_text(Scenario.load("zhang-1992").model_copy(update={"duration": 5.0, "faults": ()}).model_dump_json())
     return str(path)
 
 

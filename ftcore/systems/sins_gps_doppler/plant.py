@@ -18,7 +18,7 @@ from ftcore.sensors import altimeter, doppler, gnss
 from ftcore.sensors.inertial import AxisCluster
 from ftcore.systems.reporting import Truth
 from ftcore.systems.sins_gps_doppler.forms import Flight, Parameters
-from ftcore.systems.sins_gps_doppler.names import EPOCH
+from ftcore.systems.sins_gps_doppler.names import EPOCH, SLOTS
 from ftcore.world import constellation
 from ftcore.world.trajectory import Straight, Trajectory, build
 
@@ -110,6 +110,17 @@ class Plant:
         }
         aiding = {"satellites": position, "velocities": velocity}
         return PlantState(clock), truth, Readings(now, groups, aiding)
+
+    def visible(self, channel: str, start: float, end: float) -> bool:
+        """See :attr:`ftcore.systems.base.Assembly.visible`."""
+        sensor, _, part = channel.split(".")
+        if sensor != "gps" or part not in SLOTS:
+            return True
+        times = np.linspace(start, end, 2 + int((end - start) / constellation.LOOKS))
+        at = np.round(times / self.dt).astype(int)
+        lla = self.trajectory.lla[np.minimum(at, len(self.trajectory.lla) - 1)]
+        p = self._p.aiding
+        return constellation.may_be_visible(SLOTS.index(part), lla, p.constellation_time + times, p.mask)
 
     def alignment(self) -> InsState:
         """What the navigator is told at the start: the truth with the alignment's errors, ``(runs, ...)``."""

@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from ftcore import units
+from ftcore.identifiers import Id
 
 Array = NDArray[np.float64]
 
@@ -135,9 +136,7 @@ class Fault(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    id: str | None = Field(
-        default=None, pattern=r"^[A-Za-z0-9_.-]{1,40}$", description="given by the simulation if absent"
-    )
+    id: Id | None = Field(default=None, description="given by the simulation if absent")
     channel: str = Field(description="<sensor>.<quantity>.<part>", max_length=80)
     kind: Kind
     magnitude: float = Field(
@@ -270,6 +269,10 @@ def si_magnitude(fault: Fault, channel_unit: str) -> float:
     return units.to_si(fault.magnitude, base if fault.unit is None else fault.unit.removesuffix(info.per))
 
 
+PAUSE = 2.0
+"""Seconds without effect beyond which a pause of a fault is remembered; a sine's zeros are shorter."""
+
+
 @dataclass(frozen=True)
 class Acted:
     """In which epochs a fault changed what the navigator was given, a bit at least; a value.
@@ -278,12 +281,15 @@ class Acted:
         first, last: ``(runs,)`` time of the first and of the last such epoch [s]; NaN where there was none.
         epochs: ``(runs,)`` how many there were.
         now: ``(runs,)`` whether the last epoch flown was one.
+        pauses: when it did not act for longer than :data:`PAUSE` in between: last epoch before and first one after,
+            ``(runs,)`` each, NaN in runs without that pause.
     """
 
     first: Array
     last: Array
     epochs: NDArray[np.int64]
     now: NDArray[np.bool_]
+    pauses: tuple[tuple[Array, Array], ...] = ()
 
     @classmethod
     def never(cls, runs: int) -> Acted:
@@ -293,8 +299,16 @@ class Acted:
 
     def after(self, time: float, now: NDArray[np.bool_]) -> Acted:
         """The same one epoch later, at ``time`` [s], in which the fault acted in the runs of ``now (runs,)``."""
+        resumed = now & (time - self.last > PAUSE)
+        pauses = self.pauses
+        if resumed.any():
+            pauses = (*pauses, (np.where(resumed, self.last, np.nan), np.where(resumed, time, np.nan)))
         return Acted(
-            np.where(now & (self.epochs == 0), time, self.first), np.where(now, time, self.last), self.epochs + now, now
+            np.where(now & (self.epochs == 0), time, self.first),
+            np.where(now, time, self.last),
+            self.epochs + now,
+            now,
+            pauses,
         )
 
 

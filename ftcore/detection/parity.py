@@ -36,6 +36,7 @@ from ftcore.detection.parity_space import (
     calibrate,
     fault_angles,
     fault_sizes,
+    momentary,
     parity_vector,
     uncalibrated,
 )
@@ -46,6 +47,7 @@ __all__ = [
     "Isolation",
     "Reference",
     "Sight",
+    "admission",
     "angle_test",
     "by_angle",
     "by_likelihood",
@@ -56,6 +58,7 @@ __all__ = [
     "fault_sizes",
     "glt_test",
     "look",
+    "momentary",
     "optimal_parity_test",
     "parity_test",
     "parity_vector",
@@ -94,7 +97,7 @@ class Sight:
     @cached_property
     def outside(self) -> Array:
         """The part of FD that a fault of each instrument does not explain, (runs, count)."""
-        rest = np.matvec(self.reference.outside[self.without], self.whitened[:, None])
+        rest = np.matvec(self.reference.outside_of(self.without), self.whitened[:, None])
         return np.asarray(np.vecdot(rest, rest))
 
     @cached_property
@@ -128,11 +131,24 @@ def look(reference: Reference, readings: Array, p_fa: float, used: Mask | None =
         used = np.broadcast_to(used, (runs, count))
         readings = np.where(used[:, reference.cluster.instrument], readings, 0.0)
     p = parity_vector(reference, readings)
-    whitened = np.matvec(reference.outside[out], np.matvec(reference.whitener, p))
+    whitened = np.matvec(reference.outside_of(out), np.matvec(reference.whitener, p))
     p = np.matvec(reference.plain_outside[out], p)
     FD = np.asarray(np.vecdot(whitened, whitened))
     dof, limit, alarm = decide(FD, reference.dof[out], p_fa)
     return Sight(reference, p_fa, out, used, p, whitened, FD, dof, limit, alarm)
+
+
+def admission(sight: Sight, trusted: Mask, disagree: Mask, p_fa: float) -> Mask:
+    """Who of those that are used in `sight`, but not `trusted`, may be trusted again, (runs, count).
+
+    trusted (runs, count); disagree (runs,): the trusted contradict each other. An instrument comes back when all of
+    `sight` agree, whoever was isolated; and, where the trusted disagree, when all would agree without one of these: a
+    single fault, which has left the one and reached the other, then explains everything. `p_fa`: of each comparison.
+    """
+    quiet = (sight.dof > 0) & ~decide(sight.FD, sight.dof, p_fa)[2]
+    without = (sight.outside_dof > 0) & ~decide(sight.outside, sight.outside_dof, p_fa)[2]
+    moved = disagree & (without & trusted).any(axis=-1)
+    return np.asarray((quiet | moved)[:, None] & sight.used & ~trusted)
 
 
 def by_plane(sight: Sight) -> Isolation:
@@ -150,7 +166,7 @@ def by_likelihood(sight: Sight) -> Isolation:
     """Isolate by the generalised likelihood test; see `glt_test`."""
     reference = sight.reference
     owner, count = reference.cluster.instrument, reference.cluster.count
-    sensitivity = reference.sensitivity[sight.out]
+    sensitivity = reference.sensitivity_without(sight.out)
     felt = sensitivity > 0.0
     along = np.matvec(reference.whitened_axes, sight.whitened)
     along = np.divide(along, sensitivity, out=np.zeros_like(along), where=felt)

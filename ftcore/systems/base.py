@@ -141,6 +141,7 @@ class Assembly:
         epochs: how many there are where the world ends (a log); no end if None.
         absent: channels of the description that this experiment has not, and why, in words that say what would bring
             them.
+        idle_settings: settings that change nothing with these parameters, and why.
         visible: where it is known for times to come. False only where there will be no reading for certain; None: it is
             not known, or every channel always has one.
         foresees: whether the first epoch can be looked at before it is flown; not where a step is more than arithmetic.
@@ -154,6 +155,7 @@ class Assembly:
     period: float | None = None
     epochs: int | None = None
     absent: Mapping[str, str] = field(default_factory=dict)
+    idle_settings: Mapping[str, str] = field(default_factory=dict)
     visible: Visible | None = None
     foresees: bool = True
 

@@ -320,6 +320,6 @@ def test_given_the_operator_switches_a_gyro_off_and_on_then_it_leaves_and_return
 def test_given_a_model_that_is_far_off_then_the_tie_is_said():
     far = {"mismatch": {"mass": 30.0, "centre_of_gravity": 20.0, "aerodynamics": 30.0}}
     sim = Simulation(scenario(pair(1, start=0.5), 0.9, parameters=far)).advance()
-    assert "isolation.ambiguous" in {e.kind for e in sim.events}
+    assert "integrity.cannot-isolate" in {e.kind for e in sim.events}
     assert sim["isolation.ambiguous"].any()
     assert sim.view().blocks["ukf"].text == "cannot tell"

@@ -1,4 +1,4 @@
-"""SINS/GPS/BD2/CNS: the house's five ideas, the mechanics of 002's algorithm, and what the parts do to each other."""
+"""SINS/GPS/BD2/CNS: the house's five ideas, Yang 2016's algorithm, and what its parts do to each other."""
 
 import json
 from dataclasses import replace
@@ -123,6 +123,16 @@ def test_every_kind_of_fault_goes_on_every_channel_and_every_number_stays_a_numb
             assert np.isfinite(sim.recording.rows[..., columns]).all(), (name, part)
 
 
+def test_given_the_imu_of_three_axes_then_the_test_that_drives_the_redundant_one_is_refused_with_the_reason():
+    plain = Simulation(scenario(duration=10.0))
+    with pytest.raises(CommandError, match="changes nothing here: three axes do not check each other") as refused:
+        plain.configure(imu_driving_test="parity")
+    assert refused.value.field == "imu_driving_test"
+    plain.configure(imu_driving_test="glt", confirm=2)  # as it is already
+    redundant = Simulation(scenario(duration=10.0, parameters={"inertial": {"configuration": "redundant"}}))
+    assert redundant.configure(imu_driving_test="parity")["imu_driving_test"] == "parity"
+
+
 def test_a_refused_command_changes_nothing_and_says_what_would_be_right():
     sim = Simulation(scenario(duration=10.0)).advance(until=3.0)
     before = sim.settings
@@ -152,7 +162,7 @@ def test_what_is_recorded_is_what_is_described():
     assert set(DESCRIPTION.estimators) == set(ESTIMATORS)
 
 
-# ---- the mechanics of 002
+# ---- the mechanics of Yang 2016
 
 
 def test_the_reference_is_never_a_propagator_that_was_just_reset():

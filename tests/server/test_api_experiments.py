@@ -167,8 +167,8 @@ def test_a_system_says_all_a_page_needs(client: TestClient) -> None:
     assert ruler["faults"] == {
         "bias": {"label": "bias", "sentence": "a constant is added", "unit": "m", "largest": 1e7, "parameters": []},
         "ramp": {
-            "label": "ramp", "sentence": "a drift that grows by the magnitude every second", "unit": "m/s", "largest": 1e7,
-            "parameters": [],
+            "label": "ramp", "sentence": "a drift that grows by the magnitude every second", "unit": "m/s",
+            "largest": 1e7, "parameters": [],
         },
     }  # fmt: skip
     assert "magnitude" in system["fault_schema"]["properties"]

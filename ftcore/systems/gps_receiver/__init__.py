@@ -44,7 +44,7 @@ class GpsReceiver:
         seen = [prn for prn, ranges in zip(PRNS, log.pseudorange.T, strict=True) if np.isfinite(ranges).any()]
         absent = _absent(set(SATELLITES) - set(seen), f"the log has no pseudorange of it; it has {', '.join(seen)}")
         navigator = Navigator(p, len(runs), dt)
-        return Assembly(plant, navigator, Reporter(), TESTS, SUBJECTS, dt, len(log), absent, plant.visible)
+        return Assembly(plant, navigator, Reporter(), TESTS, SUBJECTS, dt, len(log), absent, visible=plant.visible)
 
     def log_scenario(
         self, observation: str, navigation: str, antenna: tuple[float, float, float] | None, max_epochs: int

@@ -1,7 +1,7 @@
 """Parity space on the gyros of one aircraft: four tests beside each other, one of which declares.
 
-001, section 4.1: FD on the squared parity vector, FI by its angle to the fault planes; beside them the distance from
-the planes as a statistic, the GLT and the optimal parity vector.
+Kim 2005, section 4.1: FD on the squared parity vector, FI by its angle to the fault planes; beside them the distance
+from the planes as a statistic, the GLT and the optimal parity vector.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ftcore.detection import chi_square, parity
 from ftcore.detection.geometry import Cluster
-from ftcore.detection.parity import Reference
+from ftcore.detection.parity import Reference, Sight
 from ftcore.systems.base import Flags
 from ftcore.systems.redundant_imu.forms import Settings
 
@@ -29,6 +29,9 @@ class Verdict:
         p: ``(runs, 3)`` parity vector of all gyros that read [rad/s].
         detected: ``(runs,)`` the gyros that are still trusted disagree.
         declared: ``(runs, 3)`` who of them is held for faulty; several where it cannot be told.
+        spare: ``(runs, 3)`` where several are declared, the one of those that read, isolated or not, without which the
+            other two agree best; nobody where two choices are alike but for the noise, or where fewer than three read.
+        whole: what was seen of all that read.
         statistic, threshold, dof, alarm: ``(runs, 14)`` columns of the tests: FD of all, of those that are trusted,
             then test by test the gyros.
     """
@@ -36,6 +39,8 @@ class Verdict:
     p: Array
     detected: Flags
     declared: Flags
+    spare: Flags
+    whole: Sight
     statistic: Array
     threshold: Array
     dof: Array
@@ -43,7 +48,7 @@ class Verdict:
 
 
 def reference(cluster: Cluster, noise: float) -> Reference:
-    """A healthy cluster whose axes have white noise [rad/s] and no biases, as 001 has it."""
+    """A healthy cluster whose axes have white noise [rad/s] and no biases, as Kim 2005 has it."""
     return parity.uncalibrated(cluster, noise, 0.0)
 
 
@@ -79,6 +84,9 @@ def judge(expected: Reference, m: Array, reading: Flags, trusted: Flags, setting
     if settings.driving_test != "none":
         declared = driver[settings.driving_test] & ~fewer[:, None]
         declared = (declared | ~declared.any(axis=-1, keepdims=True)) & trusted & rest.alarm[:, None]
+    several = declared.sum(axis=-1, keepdims=True) > 1
+    least = whole.outside <= whole.outside.min(axis=-1, keepdims=True) + chi_square.threshold(p_fa, 1)
+    spare = least & (least.sum(axis=-1, keepdims=True) == 1) & several & reading.all(axis=-1, keepdims=True)
     sets, instruments = (whole, rest), (angle, plane, glt, optimal)
 
     def columns(of_sets: str, of_instruments: str) -> Array:
@@ -89,6 +97,8 @@ def judge(expected: Reference, m: Array, reading: Flags, trusted: Flags, setting
         p=whole.p,
         detected=rest.alarm,
         declared=declared,
+        spare=spare,
+        whole=whole,
         statistic=columns("FD", "statistic"),
         threshold=columns("threshold", "threshold"),
         dof=columns("dof", "dof"),

@@ -3,6 +3,18 @@
 One epoch, in the order of the code: parity space tests the protected aircraft's gyros; where it declares more than one,
 the UKF comes forward without them; the supervisor decides; rates are solved from the gyros that are used, or taken from
 the UKF where these do not see all directions; attitudes are carried on; the control law commands the next epoch.
+
+How many gyros are trusted decides what can be known:
+
+    3   three parity equations: one fault is detected and, outside the singular directions, isolated
+    2   one parity equation: a second fault is detected; the UKF isolates it, without the UKF nobody can
+    1   no parity equation; two rates are measured, the third is the UKF's, without the UKF the last one is held
+    0   the UKF's rates; without the UKF this is never chosen, only met when no gyro has a reading
+
+Where nobody can be isolated it is said (`integrity.cannot-isolate`), nobody is put out, and the flight goes on with
+the readings that fit together best: of all that read, for where two faults have met who was isolated before may well be
+the sound one. Where two choices are alike, all are used: a fault then enters by half, while a wrong choice would let
+all of it in.
 """
 
 from __future__ import annotations
@@ -13,13 +25,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.detection import chi_square, geometry, supervisor
+from ftcore.detection import chi_square, geometry, parity, supervisor
 from ftcore.detection.geometry import Cluster
 from ftcore.readings import Readings
 from ftcore.rotation import matrix_to_rpy, rotvec_to_matrix, rpy_to_matrix
 from ftcore.systems.base import Controls, Flags, Notice, Output
 from ftcore.systems.redundant_imu import fdi
-from ftcore.systems.redundant_imu.analytic import AnalyticRedundancy, Episode, Moment
+from ftcore.systems.redundant_imu.analytic import CLEAR, AnalyticRedundancy, Episode, Moment
 from ftcore.systems.redundant_imu.forms import Parameters, Settings
 from ftcore.systems.redundant_imu.model import ATTITUDE, RATES, FlightModel
 from ftcore.systems.redundant_imu.names import AIR, AIR_DATA, AIRCRAFT, EPOCH, GYRO, INSTRUMENTS, PROTECTED, SUBJECTS
@@ -39,7 +51,9 @@ class NavigatorState:
         power, u: engine power and controls, as far as the model of the UKF has them.
         supervisor: of the three gyros.
         episode: analytic redundancy.
-        undecided: ``(runs,)`` epochs in a row in which the UKF could not tell who of the suspects it is.
+        undecided: ``(runs,)`` epochs in a row in which it could not be told who of the suspects it is.
+        told: ``(runs,)`` that it cannot be told has been said, and still holds.
+        clear: ``(runs,)`` epochs in a row in which there was nothing that could not be told.
     """
 
     epoch: int
@@ -51,6 +65,8 @@ class NavigatorState:
     supervisor: supervisor.State
     episode: Episode
     undecided: NDArray[np.int64]
+    told: Flags
+    clear: NDArray[np.int64]
 
 
 class Navigator:
@@ -100,6 +116,8 @@ class Navigator:
             supervisor=supervisor.start(self._runs, INSTRUMENTS),
             episode=self._analytic.initial(start),
             undecided=np.zeros(self._runs, np.int64),
+            told=np.zeros(self._runs, bool),
+            clear=np.zeros(self._runs, np.int64),
         )
 
     def step(self, state: NavigatorState, readings: Readings, controls: Controls) -> tuple[NavigatorState, Output]:
@@ -137,32 +155,42 @@ class Navigator:
         most = np.where(episode.suspects & ~guilty, ukf.statistic, -np.inf).max(axis=-1)
         margin = chi_square.threshold(settings.false_alarm_probability, 1)
         clueless = ~np.isfinite(least) | ~np.isfinite(most) | (least - most < margin)
-        undecided = np.where(episode.open & verdict.detected & clueless, state.undecided + 1, 0)
+        # Of several that only parity space declares nobody can be named.
+        helpless = several & ~episode.open
+        unknown = helpless | episode.open & verdict.detected & clueless
+        undecided, clear = np.where(unknown, state.undecided + 1, 0), np.where(unknown, 0, state.clear + 1)
 
         # Decision.
-        accusation = np.where(episode.open[:, None], guilty & ~clueless[:, None], verdict.declared)
+        # While nobody can be told apart, noise makes one the only declared now and then: that is no verdict.
+        alone = verdict.declared & ~(helpless | state.told)[:, None]
+        accusation = np.where(episode.open[:, None], guilty & ~clueless[:, None], alone)
         accusation &= verdict.detected[:, None] & inside
         trusted = inside & ~(episode.suspects & episode.open[:, None]) & ~accusation
         supervision, decision = supervisor.step(
             state.supervisor,
             accusation,
-            self._admission(episode, mine, trusted, settings) & there,
+            self._admission(episode, mine, trusted, verdict, settings) & there,
             np.broadcast_to(enabled, inside.shape),
             supervisor.Rules(settings.confirm, settings.within, 1, settings.hold_off, isolate_last=False),
         )
         isolated = decision.health == supervisor.ISOLATED
         withheld = episode.suspects & (episode.open & ~(episode.suspects & isolated).any(axis=-1))[:, None]
-        health = np.where(withheld & (decision.health == supervisor.HEALTHY), supervisor.SUSPECT, decision.health)
-        used = decision.use & there & ~withheld
+        unnamed = (helpless | state.told & ~episode.open & verdict.detected)[:, None]
+        doubted = withheld | verdict.declared & unnamed
+        health = np.where(doubted & (decision.health == supervisor.HEALTHY), supervisor.SUSPECT, decision.health)
+        fitting = there & enabled & ~np.where(helpless[:, None], verdict.spare, verdict.declared)
+        used = np.where(unnamed & there.all(axis=-1, keepdims=True), fitting, decision.use & there & ~withheld)
         solvable = self._cluster.observable[geometry.mask_index(used)]
 
         # Rates, attitude, control.
+        from_model = episode.active & ~solvable
         everything = present.copy()
         everything[:, : AIRCRAFT - 1] &= enabled[:, None]
-        everything[:, PROTECTED] = np.where(solvable[:, None], used, everything[:, PROTECTED])
+        used = np.where((solvable | from_model)[:, None], used, everything[:, PROTECTED])
+        everything[:, PROTECTED] = np.where(from_model[:, None], everything[:, PROTECTED], used)
         rates = geometry.solve(self._cluster, m.reshape(-1, AXES), everything.reshape(-1, INSTRUMENTS))
         rates = rates.reshape(self._runs, AIRCRAFT, 3)
-        from_model = episode.active & ~solvable
+        rates[:, PROTECTED] += self._unseen(used, state.rates[:, PROTECTED])
         rates[:, PROTECTED] = np.where(from_model[:, None], episode.x[:, RATES], rates[:, PROTECTED])
         C_nb = state.C_nb @ rotvec_to_matrix((0.5 * EPOCH) * (state.rates + rates))
         rpy = matrix_to_rpy(C_nb)
@@ -179,16 +207,17 @@ class Navigator:
 
         moment = replace(moment, x=x[:, PROTECTED], u=u[:, PROTECTED])
         remembered = self._analytic.settle(episode, verdict.detected, isolated, blind, moment)
-        tied = undecided >= settings.within
-        after = NavigatorState(epoch, C_nb, rates, air, power, u, supervision, remembered, undecided)
+        told = (state.told | (undecided >= settings.within)) & (clear < CLEAR) & ~decision.just_isolated.any(axis=-1)
+        after = NavigatorState(epoch, C_nb, rates, air, power, u, supervision, remembered, undecided, told, clear)
         detail = Detail(
             p=verdict.p,
             rates=rates,
             residual=ukf.residual,
             active=episode.active,
             open=episode.open,
-            tied=tied,
+            tied=told,
             suspects=episode.suspects & episode.active[:, None],
+            doubted=doubted,
             from_model=from_model,
             used=used,
             rpy=rpy,
@@ -202,7 +231,7 @@ class Navigator:
             health=health.astype(np.int8),
             used=used,
             notices=_notices(
-                begin, episode.active & ~remembered.active, undecided == settings.within, episode, settings
+                begin, episode.active & ~remembered.active, state.told, told, doubted, verdict, episode, settings
             ),
             detail=detail,
             command=command,
@@ -247,10 +276,24 @@ class Navigator:
         alarm = judged & (statistic >= limit)
         return UkfTest(residual, statistic, limit, np.where(judged, 2.0, 0.0), alarm)
 
-    def _admission(self, episode: Episode, m: Array, trusted: Flags, settings: Settings) -> Flags:
-        """Whether a gyro would pass against the rates of the trusted ones, or of the UKF, ``(runs, 3)``."""
+    def _unseen(self, used: Flags, before: Array) -> Array:
+        """The part of the rates ``before (runs, 3)`` that the gyros used do not see: held, for want of better."""
+        index = geometry.mask_index(used)
+        if self._cluster.observable[index].all():
+            return np.zeros_like(before)
+        seen = self._cluster.gains[index] @ self._cluster.H
+        return np.asarray(before - np.matvec(seen, before))
+
+    def _admission(self, episode: Episode, m: Array, trusted: Flags, verdict: fdi.Verdict, settings: Settings) -> Flags:
+        """Whether a gyro that is out agrees with what is left, ``(runs, 3)``.
+
+        That is: with the rates of two trusted ones that agree with each other, or of the UKF where these are fewer; or,
+        whatever the UKF holds, when all three agree, or would without a trusted one (:func:`parity.admission`).
+        """
         if trusted.all():
             return trusted
+        # A long hold-off shall not keep out who is sound: it passes all of it with a probability of 90 % at least.
+        p_fa = min(settings.false_alarm_probability, 0.1 / settings.hold_off)
         index = geometry.mask_index(trusted)
         solvable = self._cluster.observable[index]
         rates = geometry.solve(self._cluster, m, trusted)
@@ -262,8 +305,11 @@ class Navigator:
         r = m.reshape(-1, INSTRUMENTS, 2) - np.matvec(H, rates[:, None])
         S = H @ C[:, None] @ H.swapaxes(-1, -2) + self._noise**2 * np.eye(2)
         statistic = np.vecdot(r, np.matvec(np.linalg.inv(S), r))
-        passed = statistic <= chi_square.threshold(settings.false_alarm_probability, 2)
-        return np.asarray(passed & (solvable | model[:, 0])[:, None])
+        passed = (statistic <= chi_square.threshold(p_fa, 2)) & (solvable & ~verdict.detected | model[:, 0])[:, None]
+        among = parity.admission(verdict.whole, trusted, verdict.detected, p_fa)
+        # Of two that read, parity space sees one direction in four: the UKF, where it runs, knows better.
+        enough = verdict.whole.used.all(axis=-1) | ~episode.active
+        return np.asarray(passed | among & enough[:, None])
 
 
 @dataclass(frozen=True)
@@ -282,14 +328,29 @@ def _modelled(air: Array, roll_pitch: Array, rates: Array) -> Array:
     return np.concatenate([air[..., :3], roll_pitch, rates, air[..., 3:]], axis=-1)
 
 
-def _notices(begin: Flags, over: Flags, tie: Flags, episode: Episode, settings: Settings) -> list[Notice]:
-    suspects = episode.suspects.sum(axis=-1).astype(np.float64)
+def _notices(
+    begin: Flags,
+    over: Flags,
+    was_told: Flags,
+    told: Flags,
+    doubted: Flags,
+    verdict: fdi.Verdict,
+    episode: Episode,
+    settings: Settings,
+) -> list[Notice]:
     notices = []
     if begin.any():
-        numbers = {"suspects": suspects, "lead": np.full(len(begin), float(settings.lead))}
+        numbers = {
+            "suspects": episode.suspects.sum(axis=-1).astype(np.float64),
+            "lead": np.full(len(begin), float(settings.lead)),
+        }
         notices.append(Notice("filter.started", "ukf", begin, numbers))
-    if tie.any():
-        notices.append(Notice("isolation.ambiguous", GYRO, tie, {"suspects": suspects}))
+    numbers = {"statistic": verdict.statistic[:, 1], "threshold": verdict.threshold[:, 1], "dof": verdict.dof[:, 1]}
+    if (told & ~was_told).any():
+        suspects = {"suspects": doubted.sum(axis=-1).astype(np.float64)}
+        notices.append(Notice("integrity.cannot-isolate", GYRO, told & ~was_told, numbers | suspects))
+    if (was_told & ~told).any():
+        notices.append(Notice("integrity.restored", GYRO, was_told & ~told, numbers))
     if over.any():
         notices.append(Notice("filter.stopped", "ukf", over, {}))
     return notices

@@ -40,8 +40,9 @@ class Detail:
         p: ``(runs, 3)`` parity vector [rad/s].
         rates, rpy: ``(runs, aircraft, 3)`` rates handed to the control law, and attitude carried on with them.
         residual: ``(runs, 6)`` of the UKF, by axis [rad/s]; NaN where nobody is judged.
-        active, open, tied: ``(runs,)`` the UKF runs, somebody is in doubt, the UKF cannot tell who.
+        active, open, tied: ``(runs,)`` the UKF runs, it works on a doubt, nobody can tell who is at fault.
         suspects: ``(runs, 3)`` whom it leaves out.
+        doubted: ``(runs, 3)`` of whom it is not known whether they are at fault.
         from_model: ``(runs,)`` the rates are the UKF's.
         used: ``(runs, 3)`` gyros in the solution.
         u: ``(runs, aircraft, 4)`` controls commanded.
@@ -55,6 +56,7 @@ class Detail:
     open: Flags
     tied: Flags
     suspects: Flags
+    doubted: Flags
     from_model: Flags
     used: Flags
     u: Array
@@ -138,7 +140,8 @@ class Reporter:
         for k, subject in enumerate(SUBJECTS):
             broken = any(c.startswith(f"{GYRO}.{k + 1}") for c in faulted)
             state: Health = "faulted" if broken and health[subject] != "off" else health[subject]
-            words = {"ok": "used", "suspect": "withheld", "isolated": "isolated", "off": "off", "faulted": "faulted"}
+            in_doubt = "in doubt" if output is not None and output.used[0, k] else "withheld"
+            words = {"ok": "used", "suspect": in_doubt, "isolated": "isolated", "off": "off", "faulted": "faulted"}
             blocks[f"gyro-{k + 1}"] = BlockView(
                 health=state, text=words[health[subject]] + (", fault" if broken else "")
             )
@@ -175,13 +178,14 @@ class Reporter:
             blocks["ukf"] = BlockView(health="off", text="rests" if settings.hybrid else "off")
         if isolated or suspects:
             out = f"gyro {', '.join(isolated)} out" if isolated else ""
-            doubts = f"doubts {', '.join(suspects)}" if suspects else ""
+            doubts = f"{'cannot tell: ' if d.tied[0] else 'doubts '}{', '.join(suspects)}" if suspects else ""
             both = "; ".join(text for text in (out, doubts) if text)
             blocks["supervisor"] = BlockView(health="isolated" if isolated else "suspect", text=both)
         number = int(d.used[0].sum())
+        text = f"rates of {number} gyros" if number > 1 else ("gyro rates held", "1 gyro, third rate held")[number]
         blocks["control"] = BlockView(
-            health="suspect" if d.from_model[0] else "ok",
-            text="rates of the UKF" if d.from_model[0] else f"rates of {number} gyros",
+            health="suspect" if d.from_model[0] or number < 2 or (d.used & d.doubted)[0].any() else "ok",
+            text="rates of the UKF" if d.from_model[0] else text,
         )
         return blocks
 

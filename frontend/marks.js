@@ -159,6 +159,7 @@ export function sentence(event, description) {
     case 'settings.changed':
       return `Settings: ${Object.entries(detail).map(([key, value]) => `${words(key)} ${value}`).join(', ')}`;
     default:
+      if (typeof detail.text === 'string') return capital(detail.text);
       return `${capital(words(kind))}: ${who}`;
   }
 }
@@ -168,6 +169,7 @@ export function reason(event, description) {
   const { kind, detail } = event;
   if (kind === 'fault.silent') return String(detail.because ?? '');
   if (kind.startsWith('fault.') || kind === 'settings.changed' || kind === 'subsystem.switched') return '';
+  if (typeof detail.text === 'string') return '';  // its numbers are in the sentence
   if (Array.isArray(detail.alarms)) {
     const all = detail.alarms.map((alarm) => comparison(alarm, description, true, true)).join('; ');
     // What alarmed until then is not what admitted it.

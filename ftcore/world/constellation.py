@@ -123,12 +123,14 @@ BETWEEN = math.radians(1.0)
 """More than what a satellite rises by in half that time, and a user's horizon tilts at up to 1000 m/s [rad]."""
 
 
-def may_be_visible(slot: int, lla: Array, time: Array, mask_deg: float) -> bool:
+def may_be_visible(slot: int, lla: Array, time: Array, mask_deg: float, away: ArrayLike = 0.0) -> bool:
     """Whether a satellite may stand above the mask somewhere on the way; False only where it does not for certain.
 
-    ``slot`` in the order of :func:`almanac`; ``lla`` (n, 3) the user's places, or (3,) one that stands; ``time`` (n,)
-    seconds since the almanac epoch, at most :data:`LOOKS` apart.
+    ``slot`` in the order of :func:`almanac`; ``lla`` (3,) where the user is, or was, and how far ``away`` from there
+    [m] it may be by now; ``time`` (n,) seconds since the almanac epoch, at most :data:`LOOKS` apart.
     """
     position, _ = satellite_states(time)
     sight = line_of_sight(lla, position)
-    return bool((sight.elevation[..., slot] > math.radians(mask_deg) - BETWEEN).any())
+    # The horizon tilts by the arc that is travelled, and the direction turns by less than half of that.
+    tilt = 1.5 * np.asarray(away) / earth.A
+    return bool((sight.elevation[..., slot] > math.radians(mask_deg) - BETWEEN - tilt).any())

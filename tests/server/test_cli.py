@@ -85,6 +85,13 @@ def short(tmp_path: Path) -> str:
         (["run", "--observation", "a.05o"], {}, "--navigation is missing"),
         (["run", "--navigation", "a.05n"], {}, "--observation is missing"),
         (["run", "zhang-1992", "--antenna", "1,2,3"], {}, "belongs to a log"),
+        (["run", "zhang-1992", "--noise-floor", "5"], {}, "belongs to a log"),
+        (
+            ["run", "--observation", "a", "--navigation", "b", "--noise-floor", "0"],
+            {},
+            "--noise-floor: a noise floor of 0",
+        ),
+        (["run", "--observation", "a", "--navigation", "b", "--noise-floor", "x"], {}, "--noise-floor"),
         (["run", "--observation", "a.05o", "--navigation", "a.05n"], {}, "there is no observation file 'a.05o'"),
         (["run", "--observation", "a", "--navigation", "b", "--antenna", "1,2"], {}, "three numbers"),
         (["run", "--observation", "a", "--navigation", "b", "--antenna", "nan,0,0"], {}, "three numbers"),
@@ -219,7 +226,11 @@ def test_where_nothing_can_be_written_nothing_is_flown(ftlab: Command, short: st
 
 def test_a_title_that_reads_like_markup_is_shown_as_it_is(ftlab: Command, tmp_path: Path) -> None:
     path = tmp_path / "marked.json"
-    document = Scenario.load("zhang-1992").model_dump(mode="json") | {"duration": 2.0, "faults": [], "title": "[/bold] [red]A"}
+    document = Scenario.load("zhang-1992").model_dump(mode="json") | {
+        "duration": 2.0,
+        "faults": [],
+        "title": "[/bold] [red]A",
+    }
     path.write_text(json.dumps(document))
     status, told, _ = ftlab("run", str(path))
     assert status == 0
@@ -257,3 +268,15 @@ def test_it_serves_until_it_is_stopped(ftlab: Command) -> None:
         process.kill()
     assert f"http://127.0.0.1:{port}/" in out
     assert "Traceback" not in err
+
+
+def test_given_a_batch_then_every_rate_is_told_with_denominator_and_interval(ftlab: Command, tmp_path: Path) -> None:
+    path = tmp_path / "step.json"
+    path.write_text(Scenario.load("chey-2004-step").model_copy(update={"duration": 60.0}).model_dump_json())
+    code, out, err = ftlab("run", str(path), "--runs", "3")
+    told = " ".join(out.split())
+    assert (code, err) == (0, "")
+    assert "3 of 3 runs in which it acted (95 %: 29.2 to 100 %)" in told
+    assert "False isolations" in told
+    assert "sensor-hours of use (95 %: at most" in told
+    assert "tests taken as independent" in told

@@ -45,13 +45,13 @@ export interface Scenario { id: string; title: string; summary: string; hint: st
 export interface Clock { state: "paused" | "running" | "advancing" | "finished" | "failed"; time: number; epoch: number; period: number; speed: number | "max"; duration: number; reason?: string | null }
 export interface Fault {
   id: string; channel: string; kind: string; magnitude: number; unit: string | null; start: number; end: number | null;
-  state: "armed" | "active" | "ended";
+  state: "armed" | "active" | "ended"; acting: boolean; acted_epochs: number; silent_because: string | null;
 }
 export interface SubsystemState { enabled: boolean; used: boolean; health: Health }
 export interface Experiment {
   id: string; title: string; system: string; seed: number; scenario: { id: string; title: string; hint: string };
   clock: Clock; faults: Fault[]; subsystems: Record<string, SubsystemState>; settings: Record<string, unknown>;
-  unavailable: Record<string, string>;
+  unavailable: Record<string, string>; not_in_view: string[]; idle_settings: Record<string, string>;
   parent: string | null; ghost_of: string | null; watchers: number; spare: boolean;
 }
 export interface Event { index: number; time: number; run: number; kind: string; subject: string; detail: Record<string, any> }

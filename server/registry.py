@@ -27,11 +27,15 @@ from server.uploads import Uploads
 
 @dataclass(frozen=True)
 class ReceiverLog:
-    """What was uploaded: contents of the two files, and the antenna's position [m], Earth-fixed, if it was given."""
+    """What was uploaded: contents of the two files, and what was given besides.
+
+    ``antenna``: position [m], Earth-fixed; ``noise_floor`` [m]; None where not given.
+    """
 
     observation: bytes
     navigation: bytes
     antenna: tuple[float, float, float] | None
+    noise_floor: float | None = None
 
 
 class ExperimentRegistry:
@@ -89,7 +93,9 @@ class ExperimentRegistry:
         def make() -> Simulation:
             for name, content in zip(names, files, strict=True):
                 self.uploads.write(name, content)
-            document = catalogue.log_scenario(names[0], names[1], log.antenna, self.settings.max_log_epochs)
+            document = catalogue.log_scenario(
+                names[0], names[1], log.antenna, self.settings.max_log_epochs, log.noise_floor
+            )
             return Simulation(Scenario.model_validate(document), max_epochs=self.settings.max_epochs)
 
         try:

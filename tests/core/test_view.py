@@ -35,7 +35,7 @@ def test_a_view_of_now_flies_nothing(flight: Simulation, monkeypatch: pytest.Mon
     flown = counted(flight, monkeypatch)
     flight.view()
     assert flown == []
-    flight.advance(epochs=3 * CHECKPOINTS + 1)
+    flight.advance(epochs=CHECKPOINTS + 7)
     flown.clear()
     for _ in range(3):
         flight.inject(FAULT.model_copy(update={"start": None}))
@@ -48,28 +48,28 @@ def test_a_view_of_now_flies_nothing(flight: Simulation, monkeypatch: pytest.Mon
 def test_after_a_rewind_or_a_branch_the_picture_is_made_at_most_once(
     flight: Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flight.advance(epochs=3 * CHECKPOINTS)
+    flight.advance(epochs=CHECKPOINTS + 16)
     flown = counted(flight, monkeypatch)
-    for branch in (flight.fork(at=101.0), flight.rewind(to=101.0)):
+    for branch in (flight.fork(at=71.0), flight.rewind(to=71.0)):
         branch.view()
         flown.clear()
         branch.view()
         assert flown == []
 
 
-@pytest.mark.parametrize("at", [0.0, 1.0, 19.0, 20.0, 64.0, 101.0, 130.0])
+@pytest.mark.parametrize("at", [0.0, 20.0, 77.0])
 def test_a_picture_is_the_same_at_once_later_after_a_rewind_and_in_a_branch(flight: Simulation, at: float) -> None:
     flight.inject(FAULT)
     flight.advance(until=at)
     at_once = flight.view()
-    flight.advance(until=140.0)
+    flight.advance(until=80.0)
     assert flight.view(at) == at_once
     assert flight.fork(at=at).view() == at_once
     now = flight.view()
     flight.rewind(to=at)
     assert flight.view() == at_once
     assert flight.view() == at_once
-    flight.advance(until=140.0)
+    flight.advance(until=80.0)
     assert flight.view() == now
 
 

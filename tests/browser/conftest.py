@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, expect, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from .lab import Lab
 
@@ -85,6 +85,16 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
     fresh.set_default_timeout(120_000)
     yield fresh
     fresh.close()
+
+
+@pytest.fixture(scope="package")
+def plain(browser: Browser, base: str) -> Iterator[Page]:
+    """A page of this origin on which nothing runs: for what modules work out by themselves."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(f"{base}/static/icon.svg")
+    yield page
+    context.close()
 
 
 @pytest.fixture

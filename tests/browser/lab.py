@@ -22,7 +22,14 @@ class Lab:
         self.base = base
         self.trouble: list[str] = []
         self.refusals_expected = False
-        page.on("console", lambda m: self._note(f"{m.type}: {m.text}") if m.type in ("error", "warning") else None)
+        page.on(
+            "console",
+            lambda m: (
+                self._note(f"{m.type}: {m.text} {m.location.get('url', '')}")
+                if m.type in ("error", "warning")
+                else None
+            ),
+        )
         page.on("pageerror", lambda error: self._note(str(error)))
 
     def _note(self, text: str) -> None:

@@ -6,6 +6,12 @@ from playwright.sync_api import expect
 
 from .lab import Lab
 
+OVERLAPPING = """(selector) => {
+  const all = [...document.querySelectorAll(selector)].map((e) => [e.textContent, e.getBoundingClientRect()]);
+  const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1;
+  return all.flatMap(([one, a], i) => all.slice(i + 1).filter(([, b]) => meet(a, b)).map(([two]) => [one, two]));
+}"""
+
 
 def test_the_scene_is_drawn_and_the_viewers_panel_is_hidden(lab: Lab) -> None:
     frame = lab.page.frame_locator("ft-scene iframe")
@@ -13,7 +19,14 @@ def test_the_scene_is_drawn_and_the_viewers_panel_is_hidden(lab: Lab) -> None:
     for panel in ("[data-floating-window]", "#root .mantine-Paper-root", "#webgl-software-rendering"):
         for found in frame.locator(panel).all():
             expect(found).to_be_hidden()
-    expect(lab.page.locator("ft-scene .legend")).to_contain_text("faulted")
+    names = lab.page.locator("ft-scene .name")
+    expect(names.first).to_be_visible()
+    assert lab.page.evaluate(OVERLAPPING, "ft-scene .name") == []
+    legend = lab.page.locator("ft-scene .legend")
+    expect(legend).to_contain_text("satellites")
+    expect(legend).not_to_contain_text("faulted")
+    lab.page.get_by_label("Names in the scene").select_option("none")
+    expect(names).to_have_count(0)
 
 
 def test_the_scene_follows_the_theme(lab: Lab) -> None:

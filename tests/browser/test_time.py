@@ -89,12 +89,6 @@ def test_a_shared_link_restores_the_run_and_the_cursor(lab: Lab, context: Browse
     assert again == values
 
 
-def test_a_damaged_link_is_explained(lab: Lab) -> None:
-    lab.page.goto("about:blank")
-    lab.page.goto(f"{lab.base}/#run=AAAA")
-    expect(lab.page.locator(".toast.error")).to_contain_text("damaged")
-
-
 def test_the_run_without_the_fault_is_drawn_behind(lab: Lab) -> None:
     lab.without_scene()
     lab.fly_until(60.0)

@@ -56,7 +56,7 @@ export interface Experiment {
 }
 export interface Event { index: number; time: number; run: number; kind: string; subject: string; detail: Record<string, any> }
 export interface BlockView { health: Health; text: string }
-export interface ItemView { vector: [number, number, number] | null; health: Health; visible: boolean }
+export interface ItemView { vector: [number, number, number] | null; rotation?: [number, number, number, number] | null; health: Health; visible: boolean }
 export interface View { time: number; blocks: Record<string, BlockView>; items: Record<string, ItemView> }
 export interface HeadlineItem { label: string; value: number | null; unit: string; note?: string; detail?: string; compare_label: string | null; compare: number | null }
 export interface Score { headline: HeadlineItem[] }

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.sensors import rinex_text
+from ftcore.sensors.rinex_layout import Layout, observables, scale_factors
 from ftcore.sensors.rinex_text import FIRST, OBSERVATION, Array, LogError, Record, Text, date, refusal
 
 PRNS: Final = 32
@@ -50,17 +51,6 @@ class Observations:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """How a GPS record is laid out: its observables in order, and what stored values are multiplied by."""
-
-    codes: tuple[str, ...] = ()
-    factors: Mapping[str, float] = field(default_factory=dict)
-
-    def factor(self, code: str) -> float:
-        return self.factors.get(code, self.factors.get("", 1.0))
-
-
 @dataclass
 class _Walk:
     """A file that is being walked: where it stands, and what has been found."""
@@ -68,7 +58,7 @@ class _Walk:
     text: Text
     version: int
     at: int
-    layout: _Layout = field(default_factory=_Layout)
+    layout: Layout = field(default_factory=Layout)
     blank: str = "G"
     position: Array | None = None
     interval: float | None = None
@@ -76,7 +66,7 @@ class _Walk:
     """What is wrong if another epoch comes: the receiver is no longer where it was."""
     stamps: list[float] = field(default_factory=list)
     heads: list[int] = field(default_factory=list)
-    layouts: list[_Layout] = field(default_factory=list)
+    layouts: list[Layout] = field(default_factory=list)
     of: list[int] = field(default_factory=list)
     """Layout of each epoch."""
     rows: list[tuple[NDArray[np.int64], list[int]]] = field(default_factory=list)
@@ -114,7 +104,7 @@ def read(content: bytes, max_epochs: int) -> Observations:
 def _apply(walk: _Walk, records: list[Record], line: int, new_site: bool = False) -> None:
     """Take over what header records at ``line`` say; ``new_site``: they come with event flag 3."""
     before = walk.layout
-    codes, factors = _types(walk, records), _scales(walk, records)
+    codes, factors = observables(walk.text, walk.version, records), scale_factors(walk.text, walk.version, records)
     walk.layout = replace(
         before, codes=before.codes if codes is None else codes, factors=before.factors if factors is None else factors
     )
@@ -163,63 +153,6 @@ def _located(walk: _Walk, place: Array | None, line: int, new_site: bool) -> Non
         )
     elif place is not None:
         walk.position = place
-
-
-def _types(walk: _Walk, records: list[Record]) -> tuple[str, ...] | None:
-    """The observables of a GPS record in order, None if the records do not list them."""
-    label, head = ("# / TYPES OF OBSERV", 6) if walk.version == 2 else ("SYS / # / OBS TYPES", 7)
-    codes: list[str] | None = None
-    count, line, system = 0, 0, ""
-    for record in records:
-        if record.label != label:
-            continue
-        number = rinex_text.whole(record.content[head - 6 if walk.version == 2 else 3 : 6])
-        if walk.version == 3 and record.content[0].strip():
-            system = record.content[0].upper()
-        if walk.version == 3 and system != "G":
-            continue
-        if number is not None:
-            codes, count, line = [], number, record.line
-        if codes is None:
-            raise walk.text.corrupt(record.line, "a list of observables begins without their number")
-        codes += record.content[head:].upper().split()
-    if codes is None:
-        return None
-    if len(codes) != count or not count or any(len(code) != walk.version for code in codes):
-        raise walk.text.corrupt(line, f"it announces {count} observables, and {len(codes)} are listed")
-    return tuple(codes)
-
-
-def _scales(walk: _Walk, records: list[Record]) -> dict[str, float] | None:
-    """Factor by code, "" for all, of SYS / SCALE FACTOR or RINEX 2's OBS SCALE FACTOR; None if there is none."""
-    factors: dict[str, float] | None = None
-    system, size, left = "", 1.0, 0
-    for record in records:
-        words = record.content
-        if record.label == "SYS / SCALE FACTOR" and walk.version == 3:
-            if words[0].strip():
-                system, value, number = words[0].upper(), words[2:6], words[8:10]
-            else:
-                value, number = "", ""
-            codes = words[10:].upper().split()
-        elif record.label == "OBS SCALE FACTOR" and walk.version == 2:
-            system, value, number, codes = "G", words[:6], words[6:12], words[12:].upper().split()
-        else:
-            continue
-        if system != "G":
-            continue
-        if value.strip():
-            given = rinex_text.whole(value)
-            if given not in (1, 10, 100, 1000):
-                raise walk.text.corrupt(record.line, "a scale factor is 1, 10, 100 or 1000")
-            size, left = 1.0 / given, rinex_text.whole(number) or 0
-            factors = {} if factors is None else factors
-            if left == 0:
-                factors[""] = size
-        if factors is None or (left and not codes):
-            raise walk.text.corrupt(record.line, "a scale factor does not say of which observables")
-        factors |= dict.fromkeys(codes, size)
-    return factors
 
 
 def _second_header(walk: _Walk) -> bool:

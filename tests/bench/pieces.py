@@ -16,9 +16,11 @@ from ftcore.estimation.ins_error import (
     transition,
 )
 from ftcore.estimation.strapdown import InsState, damping_gains, propagate
+from ftcore.sensors import rinex
 from tests.bench.flights import by_epochs
 from tests.bench.inertial import EPOCH, flight
 from tests.bench.measure import Figure, Taken, best, once
+from tests.daily_log import daily
 
 DENSITIES = NoiseDensities(
     gyro=(np.radians(0.01) / 60.0) ** 2,
@@ -96,6 +98,14 @@ def mounting() -> list[Figure]:
     return [at_most("redundant-imu", "figures of a mounting", best(lambda: once(ask), 8), 0.05)]
 
 
+def daily_file(rounds: int) -> list[Figure]:
+    """A receiver's ordinary day read: 2880 epochs, all systems."""
+    made = daily()
+    taken = best(lambda: once(lambda: rinex.parse(made.observation, made.navigation)), rounds)
+    size = f"{len(made.observation) / 1e6:.0f} MB"
+    return [at_most("receiver's log", "a daily file of 2880 epochs and all systems read", taken, 3.0, size)]
+
+
 def figures(rounds: int) -> list[Figure]:
     """All of them."""
-    return receiver(rounds) + kim(rounds) + inertial() + mounting()
+    return receiver(rounds) + daily_file(rounds) + kim(rounds) + inertial() + mounting()

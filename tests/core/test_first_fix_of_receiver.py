@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from ftcore import Fault, Scenario, Simulation
 from ftcore.readings import Group, Readings
 from ftcore.sensors import rinex
 from ftcore.systems.base import Controls
 from ftcore.systems.gps_receiver.forms import Log, Parameters, Settings
-from ftcore.systems.gps_receiver.names import SATELLITES
+from ftcore.systems.gps_receiver.names import SATELLITES, SLOTS
 from ftcore.systems.gps_receiver.navigator import Navigator
 from ftcore.systems.gps_receiver.plant import LogPlant
 from tests.synthetic_log import ANTENNA, files
@@ -65,6 +66,22 @@ def test_given_any_satellite_wrong_from_the_first_epoch_on_then_there_is_a_fix_a
     assert (codes[:, :, SNAPSHOT] == 1).all()
     assert errors[:, :, SNAPSHOT].max() < 15.0
     assert errors[:, :, [FILTER, COMBINED]].max() < 15.0
+
+
+@pytest.mark.parametrize("size", [1e5, MILLISECOND, -1e9])
+def test_given_chey_2004_with_any_satellite_wrong_from_the_first_epoch_on_then_there_is_a_fix_at_once(size):
+    scenario = Scenario.load("chey-2004").model_copy(update={"faults": (), "duration": 8.0})
+    healthy = Simulation(scenario).advance(epochs=1)
+    seen_ = [name for name in SLOTS if np.isfinite(healthy[f"elevation.{name}"]).all()]
+    assert len(seen_) == 8
+    for name in seen_:
+        sim = Simulation(scenario)
+        sim.inject(Fault(channel=f"gps.pseudorange.{name}", kind="bias", magnitude=size, start=0.0))
+        sim.advance()
+        assert (sim["snapshot.status"] == 1.0).all(), name
+        for estimator in ("snapshot", "filter", "combined"):
+            # Seven satellites of 10 m: 60 m is beyond five sigma of the worst geometry that one exclusion leaves.
+            assert sim[f"{estimator}.error.position.horizontal"].max() < 60.0, (name, estimator)
 
 
 def test_given_two_satellites_wrong_from_the_first_epoch_on_then_what_is_vouched_for_is_right(log):

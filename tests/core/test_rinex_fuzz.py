@@ -106,5 +106,5 @@ def test_given_damaged_files_then_they_are_flown_or_refused_in_one_sentence(tmp_
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_given_thousands_of_damaged_files_then_the_same(tmp_path, seed):
-    counts = outcomes(1000, 100 + seed, tmp_path, 10)
+    counts = outcomes(1000, 100 + seed, tmp_path, 5)
     assert min(counts["read"], counts["flown"], counts["refused"]) > 20, counts

@@ -56,6 +56,10 @@ class Test(Described):
     may_drive: bool = True
     unit: str = "1"
     alarm_when: Literal["above", "below"] = "above"
+    baseline: bool = Field(
+        default=False,
+        description="of an estimator shown for comparison only: what it notices is not found by the system",
+    )
     reference: tuple[str, ...] = Field(
         default=(),
         description="sensors that the subject is tested against: a fault of theirs enters the statistic, so that an "

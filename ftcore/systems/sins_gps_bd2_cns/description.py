@@ -89,6 +89,7 @@ def _tests() -> list[Test]:
             dof=dof,
             source=source,
             may_drive=drives,
+            baseline=not drives,
             reference=("imu",),
         )
         for n, dof, source, drives in rows

@@ -8,7 +8,7 @@ export interface Channel {
   faults: Record<string, KindInfo>;
 }
 export interface Subsystem { name: string; label: string; isolable: boolean }
-export interface Test { name: string; label: string; subjects: string[]; dof: string; source: string; unit: string; alarm_when: "above" | "below" }
+export interface Test { name: string; label: string; subjects: string[]; dof: string; source: string; unit: string; alarm_when: "above" | "below"; probability: "exact" | "bounded" | "approximate"; probability_note: string }
 export interface Signal { name: string; label: string; unit: string; group: string; factor: number }
 export type Role = "protected" | "local" | "unprotected" | "statistic" | "threshold" | "component" | "weight";
 export interface Trace {

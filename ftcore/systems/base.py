@@ -40,7 +40,7 @@ class Form(BaseModel):
 
     @property
     def longest(self) -> float:
-        """Longest flight on these parameters [s]; a simulated one has its whole path in memory."""
+        """Longest flight on these parameters [s]."""
         return 36000.0
 
 

@@ -60,7 +60,13 @@ class Kind:
 REDUNDANT: Mapping[str, object] = {"inertial": {"configuration": "redundant"}}
 KINDS = {
     "sins-gps-doppler": Kind(
-        30.0, 60.0, 2.0, 40.0, 10.0, "fused", frozenset({("driving_test", "none"), ("imu_driving_test", "none")})
+        30.0,
+        60.0,
+        2.0,
+        40.0,
+        10.0,
+        "fused",
+        frozenset({("driving_test", "none"), ("imu_driving_test", "none"), ("altimeter_driving_test", "none")}),
     ),
     "gps-receiver": Kind(20.0, 40.0, 2.0, 30.0, 10.0, "combined"),
     "redundant-imu": Kind(1.0, 8.0, 0.3, 8.0, 2.0, "protected", frozenset({("driving_test", "none")})),

@@ -1,6 +1,6 @@
 """System A: a fault of the altimeter is named, harms nobody else, and leaves nothing behind. Over many runs.
 
-What 000 has not: its altimeter is believed whatever it reads. `zhang-1992-visible` without its own faults, and with.
+Zhang 1992 believes the altimeter whatever it reads. The scenario: `zhang-1992-visible`, with its faults and without.
 """
 
 from __future__ import annotations

@@ -85,6 +85,8 @@ def review(
     culprits = _harmful(history, Culprits(aids_, alone, altimeter[0], satellites, first))
     if not culprits.named.any():
         return history, filters, None
+    oldest = history.banks[0][0] + 1
+    culprits = replace(culprits, since=np.clip(culprits.since, oldest, history.now))
     history, filters = fly_again(history, filters, culprits, a, variance)
     history = replace(
         history,

@@ -66,8 +66,8 @@ def flown_again(history: History, culprits: Culprits | None) -> list[Notice]:
     """Whose measurements were taken out of the past, and since when."""
     if culprits is None:
         return []
-    onset = np.maximum(culprits.since, 1) * EPOCH
-    numbers = {"since [s]": onset, "epochs": history.now + 1.0 - np.maximum(culprits.since, 1)}
+    first = culprits.since.astype(np.float64)
+    numbers = {"since [s]": first * EPOCH, "epochs": history.now + 1.0 - first}
     who = {
         **{name: culprits.aids[:, j] for j, name in enumerate(AIDS)},
         "altimeter": culprits.altimeter,

@@ -16,15 +16,15 @@ help:
 	@echo "make bench      the benchmark table"
 
 $(VENV)/.run: pyproject.toml constraints.txt
-	@$(PYTHON) -c 'import sys; sys.exit("FTLab needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else None'
+	@$(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version_info < (3, 15) else "FTLab needs Python 3.11 to 3.14 (numpy has no wheels for others yet), this is " + sys.version.split()[0] + "; make PYTHON=python3.13 takes another")'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install -q -c constraints.txt -e '.[rinex]'
+	$(BIN)/pip install -q -c constraints.txt -e .
 	@$(BIN)/pip install -q -c constraints.txt -e '.[jsbsim]' || \
 	echo "JSBSim cannot be installed on this machine: its F-16 will say so when it is asked for, all else flies"
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.run
-	$(BIN)/pip install -q -c constraints.txt -e '.[rinex,dev]'
+	$(BIN)/pip install -q -c constraints.txt -e '.[dev]'
 	@touch $@
 
 setup: $(VENV)/.run
@@ -40,28 +40,26 @@ browser:
 	  $$SUDO apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$SUDO apt-get install -y -qq chromium fonts-dejavu-core >/dev/null; } || \
 	{ echo "no Chromium here and none could be installed: the browser tests will be skipped by name"; }
 
-lint: setup-dev
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/lint-imports
-
-types: setup-dev
-	$(BIN)/mypy
-
-# Two processes share the machine; what measures time has it to itself afterwards, also where something failed before.
-define stages
-@failed=0; \
-$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "$(1)not alone" || failed=1; \
-echo "alone on the machine: what measures time"; \
-$(BIN)/python -m pytest -m "$(1)alone" || failed=1; \
-exit $$failed
+# Runs $(2) as the stage $(1), and says how long it took.
+define stage
+@begun=$$(date +%s); echo "-- $(1)"; $(2); status=$$?; echo "-- $(1): $$(( $$(date +%s) - begun )) s"; exit $$status
 endef
 
+lint: setup-dev
+	$(call stage,lint and floors of the house,$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/lint-imports)
+
+types: setup-dev
+	$(call stage,types of Python,$(BIN)/mypy)
+	$(call stage,types of the page,.ci/page-types)
+
+# Two processes share the tests; a file's tests stay in one of them, for they share what is made once.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
 test: setup-dev browser lint types
-	$(call stages,not long and )
+	$(call stage,tests,$(PYTEST) -m "not long")
 
 test-all: setup-dev browser lint types
-	$(call stages,)
+	$(call stage,all tests,$(PYTEST) -m "long or not long")
 
 bench: setup-dev
 	$(BIN)/python -m tests.bench

@@ -2,6 +2,8 @@
 import { Problem, commands, curl, moveScene, read, send } from './api.js';
 import * as ghost from './ghost.js';
 import * as session from './session.js';
+import { claim } from './mine.js';
+import { single } from './once.js';
 import { link } from './share.js';
 import { period, store } from './store.js';
 /** @import {Notice} from './types' */
@@ -58,7 +60,10 @@ export const run = () =>
 
 export const pause = () => attempt(() => send(commands.clock(id(), { state: 'paused' })));
 
-export const toggle = () => (clockState() === 'running' ? pause() : run());
+/** Whether time goes by: by the clock, or by an advance that someone asked for. */
+export const flies = () => ['running', 'advancing'].includes(clockState());
+
+export const toggle = () => (flies() ? pause() : run());
 
 /** As toggle, for a key that is pressed without looking: a flight that is over is not flown anew by accident. */
 export const toggleUnlessOver = () => {
@@ -72,7 +77,7 @@ export const setSpeed = (speed) => attempt(() => send(commands.clock(id(), { spe
 
 export const step = () =>
   attempt(async () => {
-    if (clockState() === 'running') await pause();
+    if (flies()) await pause();
     store.set({ welcome: false });
     await send(commands.advance(id(), { epochs: 1 }));
   });
@@ -91,15 +96,16 @@ export const back = () => {
 };
 
 /** Leaves this run as it is and goes on in a copy of it. @param {number} at */
-export const branch = (at) =>
+export const branch = single((/** @type {number} */ at) =>
   attempt(async () => {
     const { relatives, experiment } = store.get();
     if (!experiment) return;
     const title = `Branch ${letter(relatives.length)} at ${at.toFixed(1)} s`;
     const fork = await send(commands.fork(experiment.id, at, title));
+    claim(fork.id);
     await session.open(fork.id);
     say({ tone: 'info', text: `${title}: its own future from here; the run it came from stays as it is.` });
-  });
+  }));
 
 /** @param {number} n */
 function letter(n) {
@@ -170,11 +176,11 @@ export function toggleChart(chart) {
   session.show(shown.includes(chart) ? shown.filter((c) => c !== chart) : [...shown, chart]);
 }
 
-export const toggleGhost = () =>
+export const toggleGhost = single(() =>
   attempt(async () => {
     if (store.get().ghost) ghost.dismiss();
     else await ghost.summon();
-  });
+  }));
 
 /** @param {'dark' | 'light'} theme */
 export function setTheme(theme) {
@@ -184,12 +190,12 @@ export function setTheme(theme) {
 }
 
 /** @param {string} scenario */
-export const fly = (scenario) =>
+export const fly = single((/** @type {string} */ scenario) =>
   attempt(async () => {
     if (store.get().ghost) ghost.dismiss();
     await session.fly(scenario);
     store.set({ welcome: true });
-  });
+  }));
 
 /** Throws Problem: the form shows it at the field. @param {object} scenario a whole document @param {string} title */
 export async function start(scenario, title) {
@@ -201,6 +207,7 @@ export async function start(scenario, title) {
 /** Throws Problem: the form shows it at the field. @param {FormData} form two files, as the server wants them */
 export async function flyLog(form) {
   const experiment = await send(commands.log(form));
+  claim(experiment.id);
   if (store.get().ghost) ghost.dismiss();
   await session.begin(experiment);
   store.set({ welcome: true });
@@ -215,10 +222,10 @@ export const open = (experiment) =>
 
 export const shareLink = () =>
   attempt(async () => {
-    const { now, cursor } = store.get();
+    const { now, cursor, shown, zoom, follow } = store.get();
     const scenario = await read.document(id());
-    const address = await link({ scenario, time: now, cursor });
-    await copy(address, 'Link copied: it restores scenario, seed, every command and this cursor.');
+    const address = await link({ scenario, time: now, cursor, charts: shown, zoom, follow });
+    await copy(address, 'Link copied: it restores scenario, seed, every command, this cursor and these charts.');
     return address;
   });
 
@@ -233,6 +240,6 @@ export async function copy(text, done) {
     await navigator.clipboard.writeText(text);
     say({ tone: 'info', text: done });
   } catch {
-    say({ tone: 'info', text: text, sticky: true });
+    say({ tone: 'info', text: text, sticky: true, verbatim: true });
   }
 }

@@ -5,7 +5,7 @@
  */
 import { fill, freshId, h, setText } from './dom.js';
 import { capital, unitText, words } from './format.js';
-import { bounds, control, fieldLabel, numberIn, resolved, valueOf } from './schema.js';
+import { bounds, control, fieldLabel, needed, numberIn, resolved, valueOf } from './schema.js';
 
 /** @typedef {{read: () => unknown, write: (value: unknown) => void, element: HTMLElement, focus: () => void}} Editor */
 /** @typedef {{path: string, schema: Schema, editor: Editor, row: HTMLElement, error: HTMLElement, reset: HTMLButtonElement}} Field */
@@ -211,9 +211,9 @@ function single(schema, key) {
     read: () => {
       if (numeric && input.value.trim() === '' && 'default' in schema && schema.default === null) return null;
       const value = valueOf(schema, input);
-      if (value === undefined) throw new NoValue(`A number is needed here${bounds(schema) ? `: ${bounds(schema)}` : ''}.`);
+      const given = input.value.trim() && `, not “${input.value}”`;
+      if (value === undefined || (schema.type === 'integer' && !Number.isInteger(value))) throw new NoValue(`${needed(schema)}${given}.`);
       if (numeric && !within(Number(value), schema)) throw new NoValue(`${input.value} is out of bounds: ${bounds(schema)}.`);
-      if (schema.type === 'integer' && !Number.isInteger(value)) throw new NoValue(`A whole number is needed, not ${input.value}.`);
       return value;
     },
     write: (value) => {

@@ -17,12 +17,24 @@ export function number(value, digits = 3) {
   return text.replace('-', '−');
 }
 
-/** Fixed significant digits for a readout that must not dance. @param {number} value */
-export function readout(value) {
+/** Decimals that give a value of this size three digits; null where it takes an exponent. @param {number} size */
+export function places(size) {
+  if (size === 0) return 2;
+  const decimals = 2 - Math.floor(Math.log10(size));
+  return decimals > 6 || size >= 1e6 ? null : Math.max(0, decimals);
+}
+
+/**
+ * A value for a readout that must not dance: with so many decimals, or with three digits where that is null.
+ * @param {number} value
+ * @param {number | null} decimals
+ */
+export function readout(value, decimals) {
   if (!Number.isFinite(value)) return '–';
+  if (decimals !== null) return value.toFixed(decimals).replace(/^-(0(?:[.]0+)?)$/, '$1').replace('-', '−');
   const size = Math.abs(value);
-  if (size !== 0 && (size >= 1e5 || size < 1e-3)) return value.toExponential(1).replace('e+', 'e').replace('-', '−');
-  return value.toFixed(size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3).replace('-', '−');
+  const own = places(size);
+  return (own === null ? value.toExponential(2).replace('e+', 'e') : value.toFixed(own)).replace('-', '−');
 }
 
 /** The unit as shown: nothing for a pure number. @param {string | null | undefined} unit */
@@ -75,6 +87,11 @@ export function timeTicks(from, to, count) {
 /** `main.part` -> `main part`. @param {string} name */
 export function words(name) {
   return name.replace(/[._-]+/g, ' ').trim();
+}
+
+/** With a capital and a full stop. @param {string} text */
+export function sentenced(text) {
+  return text && `${capital(text)}${/[.!?]$/.test(text) ? '' : '.'}`;
 }
 
 /** @param {string} text */

@@ -4,6 +4,7 @@
  */
 import { Problem, commands, read, send } from './api.js';
 import { Recording } from './recording.js';
+import { claim } from './mine.js';
 import { recorded } from './session.js';
 import { store } from './store.js';
 
@@ -26,6 +27,7 @@ export async function summon() {
   if (!experiment) return;
   /** @type {Experiment} */
   const ghost = await send(commands.ghost(experiment.id));
+  claim(ghost.id);
   if (store.get().experiment?.id !== experiment.id) return;
   store.set({ ghost });
   await follow();

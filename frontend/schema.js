@@ -45,8 +45,8 @@ export function control(schema, value, attributes) {
   if (schema.type === 'boolean') return h('input', { ...common, type: 'checkbox', checked: value === true });
   if (schema.type === 'number' || schema.type === 'integer') {
     return h('input', {
-      ...common, type: 'number', inputmode: 'decimal', step: schema.type === 'integer' ? 1 : 'any', value: value ?? '',
-      min: schema.minimum ?? null, max: schema.maximum ?? null, placeholder: value === null || value === undefined ? 'none' : null,
+      ...common, ...(isTime(schema) ? { type: 'text', autocomplete: 'off' } : { type: 'number', step: schema.type === 'integer' ? 1 : 'any', min: schema.minimum ?? null, max: schema.maximum ?? null }),
+      inputmode: 'decimal', value: value ?? '', placeholder: value === null || value === undefined ? 'none' : null,
     });
   }
   return h('input', { ...common, type: 'text', value: value ?? '' });
@@ -61,8 +61,28 @@ export function control(schema, value, attributes) {
 export function valueOf(schema, element) {
   if (schema.enum) return JSON.parse(element.value);
   if (element instanceof HTMLInputElement && element.type === 'checkbox') return element.checked;
-  if (schema.type === 'number' || schema.type === 'integer') return numberIn(element.value);
+  if (schema.type === 'number' || schema.type === 'integer') return isTime(schema) ? timeIn(element.value) : numberIn(element.value);
   return element.value;
+}
+
+/** Seconds in a text: 150, 2:30 or 1:02:03.5. @param {string} text @returns {number | undefined} */
+export function timeIn(text) {
+  const parts = text.trim().replace(',', '.').split(':');
+  if (parts.length === 1) return numberIn(text);
+  if (parts.length > 3 || !parts.every((part, i) => (i === parts.length - 1 ? /^[0-5]?\d([.]\d*)?$/ : i ? /^[0-5]?\d$/ : /^\d+$/).test(part))) return undefined;
+  return parts.reduce((sum, part) => 60 * sum + Number(part), 0);
+}
+
+/** What is needed where there is no number, or none that fits. @param {Schema} schema resolved */
+export function needed(schema) {
+  const limits = bounds(schema);
+  const what = isTime(schema) ? 'A time is needed: seconds (150) or minutes and seconds (2:30)' : schema.type === 'integer' ? 'A whole number is needed' : 'A number is needed';
+  return `${what}${limits ? `, ${limits}` : ''}`;
+}
+
+/** Whether a schema is one of a time or a stretch of time, which may be typed as 2:30. @param {Schema} schema resolved */
+export function isTime(schema) {
+  return schema.unit === 's' && (schema.type === 'number' || schema.type === 'integer');
 }
 
 /** @param {string} text @returns {number | undefined} */

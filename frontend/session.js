@@ -3,6 +3,8 @@
  * @import {Event, Experiment, SystemDescription} from './types'
  */
 import { Problem, commands, read, send } from './api.js';
+import { claim } from './mine.js';
+import { Pace } from './pace.js';
 import { Recording } from './recording.js';
 import { atBeat } from './scheduler.js';
 import { forsake, makeRoom, own, spare } from './spare.js';
@@ -30,6 +32,7 @@ let loading = 0;
 /** @type {import('./types').Series[]} */
 let queued = [];
 let scoreDue = 0;
+const pace = new Pace();
 
 const changed = () => recorded.dispatchEvent(new CustomEvent('change'));
 
@@ -56,7 +59,7 @@ export async function open(which) {
   const same = store.get().description?.id === description.id;
   store.set({
     experiment, description, events: [], now: experiment.clock.time, view: null, pastView: null, cursor: null, zoom: null,
-    ghost: null, score: null, connection: 'connecting', prefill: null,
+    ghost: null, score: null, connection: 'connecting', prefill: null, rate: null,
     shown: same ? store.get().shown : remembered(description),
   });
   remember(id);
@@ -68,7 +71,7 @@ export async function open(which) {
         if (loading) queued.push(series);
         else recording.append(series);
         atBeat('frames', () => {
-          if (recording.length && !loading) store.set({ now: recording.last });
+          if (recording.length && !loading) store.set({ now: recording.last, rate: paced(recording.last) });
           if (performance.now() > scoreDue) void refreshScore();
         });
         changed();
@@ -84,7 +87,15 @@ export async function open(which) {
   await Promise.all([reload(), reloadEvents(), refreshScore(), refreshRelatives(), view()]);
 }
 
+/** The pace of a flight that is at `time`, while it runs. @param {number} time */
+function paced(time) {
+  if (store.get().experiment?.clock.state !== 'running') return null;
+  pace.note(performance.now() / 1000, time);
+  return pace.rate;
+}
+
 export function close() {
+  pace.forget();
   stream?.close();
   stream = null;
   recording.reset([]);
@@ -182,8 +193,9 @@ function heardReset(time) {
 function heardState(experiment) {
   const before = store.get().experiment;
   if (before && before.id !== experiment.id) return;
-  const { time, state, epoch } = experiment.clock;
-  store.set({ experiment: share(before, experiment), now: time });
+  const { time, state, epoch, speed } = experiment.clock;
+  if (state !== before?.clock.state || speed !== before.clock.speed) pace.forget();
+  store.set({ experiment: share(before, experiment), now: time, rate: state === 'running' ? pace.rate : null });
   const stopped = before?.clock.state === 'running' && state !== 'running';
   if (!stopped) return;
   changed();
@@ -257,6 +269,7 @@ export async function fly(scenario) {
   if (idle) {
     try {
       await begin(idle);
+      claim(idle.id);
       const { watchers } = await read.experiment(idle.id);
       // Two pages may have found it at the same time: then each makes its own.
       if (watchers <= 1) return;
@@ -279,7 +292,14 @@ export async function create(scenario, to = {}) {
     return make();
   });
   own(experiment.id);
-  await begin(experiment, to);
+  claim(experiment.id);
+  try {
+    await begin(experiment, to);
+  } catch (error) {
+    // Nobody would ever see it.
+    await send(commands.remove(experiment.id)).catch(() => undefined);
+    throw error;
+  }
 }
 
 /**

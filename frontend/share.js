@@ -2,7 +2,15 @@
 
 const PREFIX = '#run=';
 
-/** @typedef {{scenario: Record<string, any>, time: number, cursor: number | null}} SharedRun */
+/**
+ * @typedef {object} SharedRun
+ * @property {Record<string, any>} scenario
+ * @property {number} time where it stands [s]
+ * @property {number | null} cursor
+ * @property {string[] | null} charts those shown; null in a link from before they were in it
+ * @property {[number, number] | null} zoom
+ * @property {number | null} follow the window of the charts [s]
+ */
 
 /** @param {SharedRun} run @returns {Promise<string>} */
 export async function link(run) {
@@ -15,20 +23,25 @@ export async function link(run) {
 }
 
 /**
- * The run in an address, if there is one.
+ * The run that an address carries.
  * @param {string} hash
- * @returns {Promise<SharedRun | null>}
+ * @returns {Promise<SharedRun>}
  * @throws {Error} the link is damaged
  */
 export async function unpack(hash) {
-  if (!hash.startsWith(PREFIX)) return null;
   try {
     const text = atob(hash.slice(PREFIX.length).replaceAll('-', '+').replaceAll('_', '/'));
     const bytes = Uint8Array.from(text, (c) => c.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate-raw'));
     const run = JSON.parse(await new Response(stream).text());
-    return { scenario: run.scenario, time: Number(run.time) || 0, cursor: typeof run.cursor === 'number' ? run.cursor : null };
+    if (typeof run.scenario !== 'object' || !run.scenario) throw new Error('no scenario');
+    const number = (/** @type {unknown} */ value) => (typeof value === 'number' && Number.isFinite(value) ? value : null);
+    const zoom = Array.isArray(run.zoom) && run.zoom.length === 2 && run.zoom.every((/** @type {unknown} */ t) => number(t) !== null) ? run.zoom : null;
+    return {
+      scenario: run.scenario, time: number(run.time) ?? 0, cursor: number(run.cursor), zoom, follow: number(run.follow),
+      charts: Array.isArray(run.charts) ? run.charts.map(String) : null,
+    };
   } catch {
-    throw new Error('This link is damaged: it does not hold a whole run. Ask for it again.');
+    throw new Error('This link is damaged: it does not hold a whole run. Ask for it again, and copy all of it.');
   }
 }

@@ -101,6 +101,8 @@ const initial = {
   full: null,
   prefill: null,
   busy: null,
+  large: false,
+  rate: null,
 };
 
 export const store = createStore(initial);

@@ -42,7 +42,7 @@ export interface SystemDescription {
   blocks: Block[]; wires: Wire[]; scene: SceneItem[]; settings_schema: Schema; parameters_schema: Schema; fault_schema: Schema;
 }
 export interface Scenario { id: string; title: string; summary: string; hint: string; system: string; duration: number; source?: string }
-export interface Clock { state: "paused" | "running" | "finished" | "failed"; time: number; epoch: number; period: number; speed: number | "max"; duration: number; reason?: string | null }
+export interface Clock { state: "paused" | "running" | "advancing" | "finished" | "failed"; time: number; epoch: number; period: number; speed: number | "max"; duration: number; reason?: string | null }
 export interface Fault {
   id: string; channel: string; kind: string; magnitude: number; unit: string | null; start: number; end: number | null;
   state: "armed" | "active" | "ended";
@@ -58,7 +58,7 @@ export interface Event { index: number; time: number; run: number; kind: string;
 export interface BlockView { health: Health; text: string }
 export interface ItemView { vector: [number, number, number] | null; health: Health; visible: boolean }
 export interface View { time: number; blocks: Record<string, BlockView>; items: Record<string, ItemView> }
-export interface HeadlineItem { label: string; value: number | null; unit: string; note?: string; compare_label: string | null; compare: number | null }
+export interface HeadlineItem { label: string; value: number | null; unit: string; note?: string; detail?: string; compare_label: string | null; compare: number | null }
 export interface Score { headline: HeadlineItem[] }
 export interface Series { time: number[]; signals: Record<string, (number | null)[]> }
 export interface LogLimits { observation_bytes: number; navigation_bytes: number; epochs: number }
@@ -69,7 +69,7 @@ export interface Span { row: "injected" | "alarmed" | "isolated"; key: string; l
 /** One thing the operator did. */
 export interface Point { time: number; label: string; index: number }
 
-export interface Notice { tone: "error" | "warning" | "info"; text: string; action?: { label: string; run: () => void }; sticky?: boolean }
+export interface Notice { tone: "error" | "warning" | "info"; text: string; action?: { label: string; run: () => void }; /** Stays until it is dismissed. */ sticky?: boolean; /** Is to be copied as it stands. */ verbatim?: boolean }
 
 export interface State {
   scenarios: Scenario[];
@@ -95,6 +95,10 @@ export interface State {
   welcome: boolean;
   prefill: { channel: string } | null;
   busy: string | null;
+  /** The scene is at full size. */
+  large: boolean;
+  /** Seconds of flight a second, as measured; null while that cannot be told. */
+  rate: number | null;
 }
 
 declare global {

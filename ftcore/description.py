@@ -10,6 +10,8 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from ftcore.identifiers import Id, Name
+
 Health = Literal["ok", "suspect", "isolated", "off", "faulted"]
 """``faulted`` is the operator's knowledge (a fault is live there); the others are the navigator's."""
 Corner = Literal["zero", "limit", "end"]
@@ -25,7 +27,7 @@ class Described(BaseModel):
 class Channel(Described):
     """One place where a fault can be laid: a part of a reading group, or (part ``all``) the whole group."""
 
-    name: str = Field(description="<sensor>.<quantity>.<part>")
+    name: Name = Field(description="<sensor>.<quantity>.<part>")
     label: str
     unit: str = Field(description="unit of a fault's magnitude on this channel, and of the reading shown to a person")
     sensor: str = Field(description="the subsystem or instrument this channel belongs to; a subject of events")
@@ -38,7 +40,7 @@ class Channel(Described):
 class Subsystem(Described):
     """Something that can be switched off and on, and that the supervisor may isolate."""
 
-    name: str
+    name: Name
     label: str
     isolable: bool = True
 
@@ -46,7 +48,7 @@ class Subsystem(Described):
 class Test(Described):
     """One kind of test and the subjects it looks at."""
 
-    name: str
+    name: Name
     label: str
     subjects: tuple[str, ...]
     dof: str = Field(description="what its degrees of freedom are, in words")
@@ -54,12 +56,17 @@ class Test(Described):
     may_drive: bool = True
     unit: str = "1"
     alarm_when: Literal["above", "below"] = "above"
+    reference: tuple[str, ...] = Field(
+        default=(),
+        description="sensors that the subject is tested against: a fault of theirs enters the statistic, so that an "
+        "alarm is no false one, yet nothing is wrong with the subject",
+    )
 
 
 class Signal(Described):
     """One recorded number per run and epoch."""
 
-    name: str
+    name: Name
     label: str
     unit: str = Field(description="unit shown to a person; the recorded number is SI")
     group: str = Field(description="for choosing: error, sigma, test, parity, weight, navigation, ...")
@@ -222,7 +229,7 @@ class Indicator(Described):
 class SystemDescription(Described):
     """Everything there is to know about a system without running it."""
 
-    id: str
+    id: Id
     title: str
     summary: str
     source: str = Field(description="the paper it comes from")
@@ -242,6 +249,13 @@ class SystemDescription(Described):
         default=(), description="signals whose worst absolute value the score strip shows: protected, then unprotected"
     )
     score_label: str = Field(default="Worst error", description="what the score strip calls it")
+    recovery: float = Field(
+        default=30.0,
+        ge=0.0,
+        description="how long after a fault's end, or its culprit's re-admission, its traces may be in the filters: so "
+        "long alarms and isolations that it explains are not counted as false",
+        json_schema_extra={"unit": "s"},
+    )
 
 
 class BlockView(Described):

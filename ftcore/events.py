@@ -28,6 +28,7 @@ KINDS = (
     "subsystem.switched",
     "settings.changed",
     "filter.reset",
+    "filter.reflown",
     "imu.reconfigured",
     "channel.named",
     "integrity.cannot-isolate",

@@ -1,17 +1,11 @@
 """The fault catalogue: a fault is a function of time laid over a channel.
 
-Faults add up and can each be cleared. For one channel with several live faults the reading becomes
-
-    dropout( stuck( (1 + scale) * delayed(reading) + bias + ramp + sine + noise + outliers + random walk ) )
-
-``reading`` is always the clean sensor's, so clearing a fault restores it exactly. Whatever is random in a fault is
-addressed by the fault's id (see :mod:`ftcore.noise`), so no other channel's noise moves.
+What faults do to the readings of an epoch is in :mod:`ftcore.injection`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,8 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ftcore import units
-from ftcore.noise import NoiseSource
-from ftcore.readings import Group, Readings
+from ftcore.identifiers import Id
 
 Array = NDArray[np.float64]
 
@@ -94,9 +87,7 @@ class Fault(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    id: str | None = Field(
-        default=None, pattern=r"^[A-Za-z0-9_.-]{1,40}$", description="given by the simulation if absent"
-    )
+    id: Id | None = Field(default=None, description="given by the simulation if absent")
     channel: str = Field(description="<sensor>.<quantity>.<part>", max_length=80)
     kind: Kind
     magnitude: float = Field(default=0.0, ge=-1e9, le=1e9, description="in the unit of the kind and channel")
@@ -182,158 +173,47 @@ def si_magnitude(fault: Fault, channel_unit: str) -> float:
     return units.to_si(fault.magnitude, base if fault.unit is None else fault.unit.removesuffix(info.per))
 
 
+PAUSE = 2.0
+"""Seconds without effect beyond which a pause of a fault is remembered; a sine's zeros are shorter."""
+
+
 @dataclass(frozen=True)
-class FaultMemory:
-    """What faults remember between epochs; a value like every other state.
+class Acted:
+    """In which epochs a fault changed what the navigator was given, a bit at least; a value.
 
     Attributes:
-        history: clean readings of the last :data:`MAX_DELAY` seconds, oldest first.
-        held: fault id -> reading that a stuck channel holds, ``(runs, parts)``.
-        wandered: fault id -> random-walk drift so far, ``(runs, 1)``.
+        first, last: ``(runs,)`` time of the first and of the last such epoch [s]; NaN where there was none.
+        epochs: ``(runs,)`` how many there were.
+        now: ``(runs,)`` whether the last epoch flown was one.
+        pauses: when it did not act for longer than :data:`PAUSE` in between: last epoch before and first one after,
+            ``(runs,)`` each, NaN in runs without that pause.
     """
 
-    history: tuple[Readings, ...] = ()
-    held: Mapping[str, Array] | None = None
-    wandered: Mapping[str, Array] | None = None
+    first: Array
+    last: Array
+    epochs: NDArray[np.int64]
+    now: NDArray[np.bool_]
+    pauses: tuple[tuple[Array, Array], ...] = ()
 
+    @classmethod
+    def never(cls, runs: int) -> Acted:
+        """Of a fault that has changed nothing so far."""
+        nowhere = np.full(runs, np.nan)
+        return cls(nowhere, nowhere, np.zeros(runs, np.int64), np.zeros(runs, bool))
 
-def apply(
-    faults: Sequence[Fault],
-    channels: Mapping[str, ChannelAddress],
-    memory: FaultMemory,
-    clean: Readings,
-    noise: NoiseSource,
-    epoch: int,
-    period: float,
-) -> tuple[FaultMemory, Readings]:
-    """Lay the faults over one epoch of clean readings.
-
-    Args:
-        faults: all that are known, live or not; each with id and start.
-        channels: addresses by channel name.
-        memory: from the epoch before.
-        clean: what healthy sensors say.
-        noise: for random faults, addressed ``fault/<id>``.
-        epoch: index of this epoch.
-        period: seconds between epochs.
-
-    Returns:
-        The new memory and the readings the navigator gets; ``clean`` itself where nothing is live.
-    """
-    kept = math.ceil(MAX_DELAY / period) + 1
-    history = (*memory.history[-(kept - 1) :], clean)
-    by_group: dict[str, list[tuple[Fault, ChannelAddress]]] = {}
-    for fault in faults:
-        address = channels[fault.channel]
-        if np.any(_live(fault, clean[address.group].times)):
-            by_group.setdefault(address.group, []).append((fault, address))
-    if not by_group:
-        return FaultMemory(history), clean
-    held: dict[str, Array] = {}
-    wandered: dict[str, Array] = {}
-    groups = dict(clean.groups)
-    for name, members in by_group.items():
-        groups[name] = _faulty_group(name, members, memory, history, clean, noise, epoch, period, held, wandered)
-    return FaultMemory(history, held, wandered), Readings(clean.time, groups, clean.aiding)
-
-
-def _live(fault: Fault, times: Array) -> NDArray[np.bool_]:
-    """At which sample times the fault is live. Times are those of the samples, so an onset inside an epoch is exact."""
-    assert fault.start is not None
-    live: NDArray[np.bool_] = np.asarray(times >= fault.start - 1e-9)
-    if fault.end is not None:
-        live = live & (times < fault.end - 1e-9)
-    return live
-
-
-def _faulty_group(
-    name: str,
-    members: Sequence[tuple[Fault, ChannelAddress]],
-    memory: FaultMemory,
-    history: tuple[Readings, ...],
-    clean: Readings,
-    noise: NoiseSource,
-    epoch: int,
-    period: float,
-    held: dict[str, Array],
-    wandered: dict[str, Array],
-) -> Group:
-    group = clean[name]
-    sampled = group.values.ndim == 3
-    times = np.atleast_1d(group.times)
-    reading = np.array(group.values if sampled else group.values[..., None])
-    valid = np.array(group.valid)
-    runs, _, samples = reading.shape
-    gain = np.ones((1, reading.shape[1], samples))
-    added = np.zeros_like(reading)
-    stuck: list[tuple[Fault, ChannelAddress]] = []
-    for fault, address in members:
-        assert fault.start is not None
-        columns = list(address.parts)
-        size = si_magnitude(fault, address.unit)
-        live = _live(fault, times)
-        since = times - fault.start
-        shape = (len(columns), samples)
-        if fault.kind == "bias":
-            added[:, columns] += size * live
-        elif fault.kind == "ramp":
-            added[:, columns] += size * since * live
-        elif fault.kind == "sine":
-            added[:, columns] += size * np.sin(fault.angular_frequency * since) * live
-        elif fault.kind == "scale-factor":
-            gain[:, columns] += size * live
-        elif fault.kind == "noise":
-            added[:, columns] += size * noise.normal(f"fault/{fault.id}", epoch, shape) * live
-        elif fault.kind == "outliers":
-            spike = noise.uniform(f"fault/{fault.id}/when", epoch, shape) < fault.rate
-            sign = np.sign(noise.normal(f"fault/{fault.id}/sign", epoch, shape))
-            added[:, columns] += size * sign * spike * live
-        elif fault.kind == "random-walk":
-            so_far = (memory.wandered or {}).get(str(fault.id), np.zeros((runs, 1)))
-            steps = noise.normal(f"fault/{fault.id}", epoch, (samples,)) * (size * math.sqrt(period / samples)) * live
-            walk = so_far + np.cumsum(steps, axis=1)
-            wandered[str(fault.id)] = walk[:, -1:]
-            added[:, columns] += (walk * live)[:, None, :]
-        elif fault.kind == "delay":
-            late = _delayed(history, name, columns, times - size)
-            reading[:, columns] = np.where(live, late, reading[:, columns])
-        elif fault.kind == "stuck":
-            stuck.append((fault, address))
-        elif fault.kind == "dropout":
-            valid[:, columns] &= not bool(live.any())
-    reading = gain * reading + added
-    for fault, address in stuck:
-        columns = list(address.parts)
-        value = (memory.held or {}).get(str(fault.id))
-        if value is None:
-            value = _last_good(history, name, columns)
-        held[str(fault.id)] = value
-        reading[:, columns] = np.where(_live(fault, times), value[..., None], reading[:, columns])
-    return Group(reading if sampled else reading[..., 0], valid, group.times)
-
-
-def _last_good(history: tuple[Readings, ...], name: str, columns: list[int]) -> Array:
-    """Last sample before this epoch, or the first one of this epoch at the very beginning."""
-    before = history[-2][name].values if len(history) > 1 else None
-    values = history[-1][name].values if before is None else before
-    if values.ndim == 3:
-        values = values[..., 0 if before is None else -1]
-    good: Array = values[:, columns]
-    return good
-
-
-def _delayed(history: tuple[Readings, ...], name: str, columns: list[int], wanted: Array) -> Array:
-    """Past clean readings at the ``wanted`` times, linear between samples, the oldest known before that."""
-    times = np.concatenate([np.atleast_1d(past[name].times) for past in history])
-    values = np.concatenate([v if (v := past[name].values).ndim == 3 else v[..., None] for past in history], axis=2)[
-        :, columns
-    ]
-    after = np.clip(np.searchsorted(times, wanted), 1, max(1, len(times) - 1)) if len(times) > 1 else np.zeros(1, int)
-    if len(times) == 1:
-        return np.broadcast_to(values, (*values.shape[:2], len(wanted)))
-    share = np.clip((wanted - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)
-    late: Array = (1.0 - share) * values[..., after - 1] + share * values[..., after]
-    return late
+    def after(self, time: float, now: NDArray[np.bool_]) -> Acted:
+        """The same one epoch later, at ``time`` [s], in which the fault acted in the runs of ``now (runs,)``."""
+        resumed = now & (time - self.last > PAUSE)
+        pauses = self.pauses
+        if resumed.any():
+            pauses = (*pauses, (np.where(resumed, self.last, np.nan), np.where(resumed, time, np.nan)))
+        return Acted(
+            np.where(now & (self.epochs == 0), time, self.first),
+            np.where(now, time, self.last),
+            self.epochs + now,
+            now,
+            pauses,
+        )
 
 
 def form_schema(kinds: Iterable[str], channel_unit: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import Signal
+from ftcore.files import replacing
 
 Array = NDArray[np.float64]
 
@@ -150,7 +151,10 @@ def decimate(data: Array, points: int) -> NDArray[np.intp]:
 
 
 def to_parquet(recording: Recording, path: Any) -> None:
-    """Write all signals of all runs as Parquet: columns time, run, then signals in SI; units in the schema metadata."""
+    """Write all signals of all runs as Parquet: columns time, run, then signals in SI; units in the schema metadata.
+
+    The file appears whole or not at all. Raises OSError.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -159,15 +163,22 @@ def to_parquet(recording: Recording, path: Any) -> None:
     for name in table:
         unit = "s" if name == "time" else "" if name == "run" else recording.signals[name].unit
         fields.append(pa.field(name, pa.from_numpy_dtype(table[name].dtype), metadata={"display_unit": unit}))
-    pq.write_table(pa.Table.from_arrays([pa.array(v) for v in table.values()], schema=pa.schema(fields)), path)
+    arrow = pa.Table.from_arrays([pa.array(v) for v in table.values()], schema=pa.schema(fields))
+    with replacing(path) as unfinished:
+        pq.write_table(arrow, unfinished)
 
 
 def to_csv(recording: Recording, path: Any) -> None:
-    """Write all signals of all runs as CSV in SI: columns time, run, then signals; full precision."""
+    """Write all signals of all runs as CSV in SI: columns time, run, then signals; full precision.
+
+    The file appears whole or not at all. Raises OSError.
+    """
     import pyarrow as pa
     import pyarrow.csv as pv
 
-    pv.write_csv(pa.table(_long_table(recording)), path)
+    arrow = pa.table(_long_table(recording))
+    with replacing(path) as unfinished:
+        pv.write_csv(arrow, unfinished)
 
 
 def _long_table(recording: Recording) -> dict[str, NDArray[Any]]:

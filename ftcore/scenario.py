@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from ftcore.faults import Fault, FaultError, check
+from ftcore.identifiers import Id, Line, Name, Text
 from ftcore.systems.base import System, addresses
 from ftcore.systems.registry import SYSTEMS
 
@@ -40,7 +41,7 @@ class Change(Strict):
 
     action: Literal["change"]
     time: Seconds
-    fault: str
+    fault: Id
     fields: dict[str, Any]
 
 
@@ -49,7 +50,7 @@ class Clear(Strict):
 
     action: Literal["clear"]
     time: Seconds
-    fault: str | None = None
+    fault: Id | None = None
 
 
 class Switch(Strict):
@@ -57,7 +58,7 @@ class Switch(Strict):
 
     action: Literal["switch"]
     time: Seconds
-    subsystem: str
+    subsystem: Name
     enabled: bool
 
 
@@ -76,10 +77,10 @@ class Scenario(Strict):
     """What flies, what senses, what fails, who watches."""
 
     id: str = Field(default="untitled", pattern=r"^[a-z0-9][a-z0-9-]{0,59}$")
-    title: str = Field(default="Untitled", max_length=120)
-    summary: str = Field(default="", max_length=2000)
-    hint: str = Field(default="", max_length=300, description="one sentence: what to try")
-    source: str = Field(default="", max_length=300, description="the paper, or FTLab")
+    title: Line = Field(default="Untitled", max_length=120)
+    summary: Text = Field(default="", max_length=2000)
+    hint: Line = Field(default="", max_length=300, description="one sentence: what to try")
+    source: Line = Field(default="", max_length=300, description="the paper, or FTLab")
     featured: bool = Field(default=False, description="listed first; a first-time visitor lands on the first of these")
     system: str = Field(description="id of the system that flies")
     seed: int = Field(default=1, ge=0, lt=2**53, description="a whole number that a browser can hold too")

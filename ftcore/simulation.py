@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,18 @@ from numpy.typing import NDArray
 
 from ftcore import commands as desk
 from ftcore import recording as table
+from ftcore.acting import Deeds, follow
 from ftcore.commands import CommandError, LiveFault, Operator
 from ftcore.description import Signal, SystemDescription, View
 from ftcore.events import Event, edges, fault_detail
-from ftcore.faults import Fault, FaultMemory, apply
+from ftcore.faults import Acted, Fault
+from ftcore.injection import FaultMemory, apply
 from ftcore.noise import NoiseSource
 from ftcore.recording import Recording
 from ftcore.scenario import Change, Clear, Command, Configure, Inject, Scenario, Switch
 from ftcore.score import Score, compute
 from ftcore.systems.base import HEALTH, Flags, Output, addresses
+from ftcore.threads import one_blas_thread
 
 __all__ = ["CommandError", "LiveFault", "Simulation", "SubsystemState"]
 
@@ -57,6 +60,11 @@ class State:
     alarm: Flags
     health: NDArray[np.int8]
     used: Flags
+    deeds: Deeds = field(default_factory=Deeds)
+
+
+Shown = tuple[Any, Output]
+"""Truth and output of an epoch: what its picture is drawn from."""
 
 
 class Simulation:
@@ -74,6 +82,7 @@ class Simulation:
         CommandError: parameters that no system can be put together from.
     """
 
+    @one_blas_thread
     def __init__(
         self,
         scenario: Scenario,
@@ -125,6 +134,7 @@ class Simulation:
             except CommandError as error:
                 raise CommandError(f"faults.{i}.{error.field}", str(error)) from None
         self._operators: list[tuple[int, Operator]] = [(0, self._operator)]
+        self._shown: Shown | None = None
         self._every = 1
         self._checkpoints: dict[int, State] = {0: self._state}
         self._apply_script()
@@ -176,6 +186,11 @@ class Simulation:
         return [desk.live(fault, self.now, self._channels) for fault in self._operator.faults]
 
     @property
+    def acted(self) -> Mapping[str, Acted]:
+        """When each fault changed what the navigator was given: fault id -> times and epochs ``(runs,)``."""
+        return {str(fault.id): self._state.deeds.of(fault, self.runs) for fault in self._operator.faults}
+
+    @property
     def subsystems(self) -> dict[str, SubsystemState]:
         """Subsystems and how they fare in run 0."""
         column = {name: i for i, name in enumerate(self._assembly.subjects)}
@@ -218,20 +233,29 @@ class Simulation:
         """Where older history is coarser than the epoch."""
         return self._recording.resolution
 
+    @one_blas_thread
     def view(self, at: float | None = None) -> View:
         """Diagram and scene of run 0, now or at an earlier moment. Raises CommandError outside the flight."""
         epoch = self.epoch if at is None else self._epoch_of("at", at)
         operator = self._operator if epoch == self.epoch else self._operator_at(epoch)
         time = epoch * self.period
         faulted = frozenset(f.channel for f in operator.faults if f.active(time) and epoch > 0)
-        truth, output = None, None
-        if epoch > 0:
-            _, truth, output = self._fly(self._state_at(epoch - 1), self._operator_at(epoch - 1))
+        truth, output = self._shown_at(epoch)
         return self._assembly.reporter.view(time, truth, output, operator.controls, faulted)
 
+    @one_blas_thread
     def score(self) -> Score:
         """The flight so far against the truth; see :mod:`ftcore.score`."""
-        return compute(self._recording, self._events, self._operator.faults, self.description, self._channels)
+        return compute(
+            self._recording,
+            self._events,
+            self._operator.faults,
+            self.description,
+            self._channels,
+            self.acted,
+            self._state.deeds.silent,
+            self.first_run,
+        )
 
     def document(self) -> Scenario:
         """The scenario with everything the operator did, ready to be flown again to the same bits."""
@@ -240,22 +264,23 @@ class Simulation:
         return self.scenario.model_copy(update={"commands": tuple(commands), "seed": self.seed})
 
     def to_parquet(self, path: str | Path) -> None:
-        """Write the recording as Parquet: time, run, then all signals in SI."""
+        """Write the recording as Parquet, whole or not at all: time, run, then all signals in SI. Raises OSError."""
         table.to_parquet(self._recording, path)
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the recording as CSV: time, run, then all signals in SI."""
+        """Write the recording as CSV, whole or not at all: time, run, then all signals in SI. Raises OSError."""
         table.to_csv(self._recording, path)
 
     # ---- time -----------------------------------------------------------------------------------------------------
 
+    @one_blas_thread
     def step(self) -> Simulation:
         """Fly one epoch; nothing happens when the flight is over."""
         if self.finished:
             return self
         before = self._state
         after, truth, output = self._fly(before, self._operator)
-        self._state = after
+        self._state, self._shown = after, (truth, output)
         self._recording.append(self.now, self._assembly.reporter.row(truth, output))
         self._fault_edges(before.epoch * self.period, self.now)
         for run, kind, subject, detail in edges(
@@ -266,6 +291,7 @@ class Simulation:
         self._apply_script()
         return self
 
+    @one_blas_thread
     def advance(self, until: float | None = None, epochs: int | None = None) -> Simulation:
         """Fly on until a time [s], or for a number of epochs, or to the end; never past the end.
 
@@ -289,21 +315,23 @@ class Simulation:
             self.step()
         return self
 
+    @one_blas_thread
     def rewind(self, to: float) -> Simulation:
         """Go back to an earlier moment, as it was when the clock left it; what came later is forgotten."""
         epoch = self._epoch_of("to", to)
         if epoch == self.epoch:
             return self
-        state, operator = self._state_at(epoch), self._operator_at(epoch)
+        (state, shown), operator = self._replayed(epoch), self._operator_at(epoch)
         time = epoch * self.period
         self._checkpoints = {e: s for e, s in self._checkpoints.items() if e <= epoch}
         self._operators = [(e, o) for e, o in self._operators if e <= epoch]
-        self._state, self._operator = state, operator
+        self._state, self._shown, self._operator = state, shown, operator
         self._recording.truncate(time)
         self._events = [event for event in self._events if event.time <= time + 1e-9]
         self._log = [command for command in self._log if command.time <= time + 1e-9]
         return self
 
+    @one_blas_thread
     def fork(self, at: float | None = None) -> Simulation:
         """A second flight that shares the past up to ``at`` (default now) and has its own future."""
         epoch = self.epoch if at is None else self._epoch_of("at", at)
@@ -313,7 +341,7 @@ class Simulation:
         twin._recording = self._recording.copy_until(time)
         twin._events = [event for event in self._events if event.time <= time + 1e-9]
         twin._log = [command for command in self._log if command.time <= time + 1e-9]
-        twin._state = self._state_at(epoch)
+        twin._state, twin._shown = self._replayed(epoch)
         twin._operator = self._operator_at(epoch)
         twin._operators = [(e, o) for e, o in self._operators if e <= epoch]
         twin._checkpoints = {e: s for e, s in self._checkpoints.items() if e <= epoch}
@@ -381,9 +409,12 @@ class Simulation:
         """One epoch as a pure function: plant, faults, navigator."""
         epoch = state.epoch + 1
         plant, truth, clean = self._assembly.plant.step(state.plant, epoch, state.command)
-        memory, readings = apply(operator.faults, self._channels, state.memory, clean, self._noise, epoch, self.period)
+        memory, readings, effects = apply(
+            operator.faults, self._channels, state.memory, clean, self._noise, epoch, self.period
+        )
         navigator, output = self._assembly.navigator.step(state.navigator, readings, operator.controls)
-        after = State(epoch, plant, navigator, memory, output.command, output.alarm, output.health, output.used)
+        deeds = follow(state.deeds, effects, operator, self._channels, output, epoch * self.period)
+        after = State(epoch, plant, navigator, memory, output.command, output.alarm, output.health, output.used, deeds)
         return after, truth, output
 
     def _inject(self, fault: Fault) -> Fault:
@@ -440,13 +471,29 @@ class Simulation:
     def _operator_at(self, epoch: int) -> Operator:
         return self._operators[bisect_right(self._operators, epoch, key=lambda pair: pair[0]) - 1][1]
 
-    def _state_at(self, epoch: int) -> State:
+    def _replayed(self, epoch: int) -> tuple[State, Shown | None]:
+        """State at an earlier epoch or now, and what it showed if that came by on the way there."""
         if epoch == self.epoch:
-            return self._state
+            return self._state, self._shown
         state = self._checkpoints[max(e for e in self._checkpoints if e <= epoch)]
+        shown: Shown | None = None
         while state.epoch < epoch:
-            state, _, _ = self._fly(state, self._operator_at(state.epoch))
-        return state
+            state, truth, output = self._fly(state, self._operator_at(state.epoch))
+            shown = (truth, output)
+        return state, shown
+
+    def _shown_at(self, epoch: int) -> Shown | tuple[None, None]:
+        """Truth and output of an epoch; of the one that is now without flying it again. Nothing before the first."""
+        if epoch == 0:
+            return None, None
+        shown = self._replayed(epoch)[1]
+        if shown is None:
+            # A checkpoint holds what the next epoch needs, not what this one showed.
+            _, truth, output = self._fly(self._replayed(epoch - 1)[0], self._operator_at(epoch - 1))
+            shown = (truth, output)
+            if epoch == self.epoch:
+                self._shown = shown
+        return shown
 
     def _epoch_of(self, field: str, time: float) -> int:
         if not math.isfinite(time) or not -1e-9 <= time <= self.now + 1e-9:

@@ -13,8 +13,9 @@ from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
 from ftcore.sensors import rinex
+from ftcore.threads import one_blas_thread
 from server import pages, problems, scene_proxy
-from server.limits import BodyLimit
+from server.limits import Answered, BodyLimit, SocketLimit
 from server.openapi import describe
 from server.registry import ExperimentRegistry
 from server.routes import experiments, logs, meta, operator, results, scenarios, stream, systems, time
@@ -41,7 +42,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         app.openapi()  # takes a while, so not at someone's first request
         uploads = Uploads(settings.max_upload_bytes)
         before = rinex.restrict(uploads.folder)  # a scenario that comes over the network names no other file
-        with _undisturbed():
+        with _undisturbed(), one_blas_thread:
             app.state.registry = ExperimentRegistry(settings, uploads)
             app.state.scenes = Scenes()
             try:
@@ -61,6 +62,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         redoc_url=None,
         openapi_url="/api/v1/openapi.json",
         separate_input_output_schemas=False,
+        redirect_slashes=False,  # `DELETE .../faults/` with an empty id must not become `DELETE .../faults`
     )
     app.state.settings, app.state.doorkeeper = settings, doorkeeper
     problems.install(app)
@@ -71,7 +73,9 @@ def create_app(settings: Settings | None = None) -> FastAPI:
         app.include_router(router)
     app.add_middleware(GZipMiddleware, minimum_size=1400, compresslevel=4)
     app.add_middleware(BodyLimit, most=settings.max_body_bytes, wider={UPLOAD_PATH: settings.max_log_bytes})
+    app.add_middleware(SocketLimit, most=settings.sockets_per_client)
     app.add_middleware(Security, doorkeeper=doorkeeper)
+    app.add_middleware(Answered, leaving=lambda: app.state.registry.leaving)
     describe(app, guarded=doorkeeper.guarded)
     return app
 

@@ -5,25 +5,26 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
-from ftcore.score import Score
+from ftcore.files import check_replaceable, replacing
+from ftcore.score import Score, of_alarms
 from server import problems, report
 from server.settings import UserError
 
 WRITERS: dict[str, Callable[[Simulation, Path], object]] = {
     ".parquet": lambda simulation, path: simulation.to_parquet(path),
     ".csv": lambda simulation, path: simulation.to_csv(path),
-    ".html": lambda simulation, path: path.write_bytes(
-        report.render(report.gather(simulation, simulation.scenario.title))
-    ),
+    ".html": lambda simulation, path: _report(simulation, path),
 }
 
 
@@ -37,9 +38,9 @@ def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> No
         raise UserError(f"--runs is {runs}; at least 1 is needed")
     write = None if out is None else _writer(out)
     try:
-        simulation = _simulation(scenario, runs, seed)
         if out is not None:
-            out.open("ab").close()  # better now than after the flight
+            check_replaceable(out)  # better now than after the flight
+        simulation = _simulation(scenario, runs, seed)
         console = Console()
         try:
             _advance(simulation, console)
@@ -52,7 +53,13 @@ def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> No
     except MemoryError:
         raise UserError(f"there is not enough memory for {runs} runs; fly fewer at a time, with other seeds") from None
     except OSError as error:
-        raise UserError(f"--out {out}: {error.strerror or error}") from None
+        raise UserError(f"--out {out} cannot be written: {error.strerror or error}") from None
+
+
+def _report(simulation: Simulation, path: Path) -> None:
+    page = report.render(report.gather(simulation, simulation.scenario.title))
+    with replacing(path) as unfinished:
+        unfinished.write_bytes(page)
 
 
 def _simulation(scenario: Scenario, runs: int, seed: int | None) -> Simulation:
@@ -158,7 +165,7 @@ def _advance(simulation: Simulation, console: Console) -> None:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(simulation.scenario.title, total=simulation.last_epoch * simulation.period)
+        task = progress.add_task(escape(simulation.scenario.title), total=simulation.last_epoch * simulation.period)
         while not simulation.finished:
             simulation.step()
             progress.update(task, completed=simulation.now)
@@ -166,21 +173,24 @@ def _advance(simulation: Simulation, console: Console) -> None:
 
 def _show(score: Score, simulation: Simulation, console: Console) -> None:
     runs = f", {simulation.runs} runs" if simulation.runs > 1 else ""
-    console.print(f"{simulation.scenario.title}: {simulation.now:g} s, seed {simulation.seed}{runs}", highlight=False)
+    title = f"{simulation.scenario.title}: {simulation.now:g} s, seed {simulation.seed}{runs}"
+    console.print(title, highlight=False, markup=False)
     headline = _table("", "", "compared with")
     for item in score.headline:
         against = f"{_number(item.compare, item.unit)} ({item.compare_label})" if item.compare_label else ""
         headline.add_row(item.label, f"{_number(item.value, item.unit)} {item.note}".rstrip(), against)
-    faults = _table("fault", "first alarm", "isolated after", "isolated", "wrongly isolated")
+    faults = _table("fault", "what came of it")
     for fault in score.faults:
-        delays = [delay for delay in fault.time_to_alarm.values() if delay is not None]
-        faults.add_row(
-            fault.label,
-            _number(min(delays, default=None), "s"),
-            _number(fault.time_to_isolate, "s"),
-            ", ".join(fault.isolated) or "-",
-            ", ".join(fault.wrong_isolations) or "-",
-        )
+        faults.add_row(fault.label, fault.words)
+    sound = _table("of the sound", "alarms and isolations")
+    labels = {test.name: test.label for test in simulation.description.tests}
+    for name, tests in groupby(score.tests, key=lambda test: test.name):
+        counted = [test for test in tests if test.epochs or test.reached_epochs]
+        if counted:
+            sound.add_row(labels[name], of_alarms(counted))
+    for subject in score.isolations:
+        if subject.count:
+            sound.add_row(subject.label, subject.words)
     estimators = _table("estimator", "position rms", "position worst", "velocity rms", "NEES")
     for name, estimator in score.estimators.items():
         estimators.add_row(
@@ -190,7 +200,7 @@ def _show(score: Score, simulation: Simulation, console: Console) -> None:
             _number(estimator.velocity.rms, "m/s"),
             _number(estimator.nees, f"of {estimator.nees_dof}" if estimator.nees_dof else ""),
         )
-    for table in (headline, faults, estimators):
+    for table in (headline, faults, sound, estimators):
         if table.row_count:
             console.print()
             console.print(table)

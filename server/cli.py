@@ -48,9 +48,8 @@ def serve(
     open: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
 ) -> None:
     """Serve the page and the API on this machine."""
-    import uvicorn
-
     from server.app import create_app
+    from server.serving import server_of
 
     settings = Settings.from_environment(host=host, port=port)
     with _bound(settings) as listening:
@@ -59,17 +58,7 @@ def serve(
         typer.echo(f"FTLab at {address}  (stop with Ctrl-C)")
         if open:
             threading.Timer(1.0, webbrowser.open, [address]).start()
-        config = uvicorn.Config(
-            create_app(settings),
-            ws="websockets-sansio",
-            ws_per_message_deflate=False,
-            ws_max_size=256 * 1024,
-            log_level="warning",
-            proxy_headers=False,
-            server_header=False,
-            timeout_graceful_shutdown=2,
-        )
-        uvicorn.Server(config).run(sockets=[listening])
+        server_of(create_app(settings)).run(sockets=[listening])
 
 
 def _bound(settings: Settings) -> socket.socket:

@@ -12,6 +12,18 @@ from server.registry import ExperimentRegistry
 from server.scenes import Scenes
 from server.settings import Settings
 
+
+async def kept_for(request: Request, experiment: Experiment) -> None:
+    """An experiment was made for a request: if its client has hung up meanwhile, nobody knows it, and it goes again.
+
+    Raises:
+        Refused: the client has gone.
+    """
+    if await request.is_disconnected():
+        await _registry(request).delete(experiment.id)
+        raise Refused(409, "the client hung up while the experiment was made; it was deleted again")
+
+
 ExperimentId = Annotated[str, Path(description="an experiment", examples=["3f2a9c01"])]
 
 

@@ -8,24 +8,23 @@ All work on a simulation is done in threads; the event loop only hands out turns
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
-import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 from typing import Any, Literal, Protocol, TypeVar
 
 from ftcore import CommandError, Fault, Simulation
 from ftcore.description import View
+from server.advances import Advance, Stop
+from server.attendance import PATIENCE, Attendance
 from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
-from server.pacing import Pacer, Speed
+from server.pacing import Clock, Pacer, Speed
 from server.problems import Refused
 
 T = TypeVar("T")
 SLICE = 0.012
 """Longest turn of a clock [s]; the epoch that is under way is finished."""
-EXPECTED = 10.0
-"""How long a new experiment counts as watched by its maker, who is about to open a stream [s]."""
+LEFT_ALONE = f"the run was paused because no page had watched it for {PATIENCE:g} s"
 _log = logging.getLogger("ftlab")
 
 
@@ -40,10 +39,11 @@ class Subscriber(Protocol):
 
 
 class Workers:
-    """Threads that fly, and the fair queue for them."""
+    """Threads that fly, the fair queue for them, and the clock that they fly by."""
 
-    def __init__(self, executor: Executor, threads: int) -> None:
+    def __init__(self, executor: Executor, threads: int, clock: Clock) -> None:
         self.executor = executor
+        self.clock = clock
         self.turns = asyncio.Semaphore(threads)
 
 
@@ -72,14 +72,14 @@ class Experiment:
         self.parent = parent
         self.ghost_of = ghost_of
         self.description = simulation.description
+        self.signals = frozenset(signal.name for signal in self.description.signals)
         self.scenario = simulation.scenario
         self.version = 0
         self.cursor: float | None = None
         self.picture = next((item.picture for item in self.description.scene), "")
         self.spare = False
         self.subscribers: set[Subscriber] = set()
-        self._streams = 0
-        self._expected_until = time.monotonic() + EXPECTED
+        self.attendance = Attendance(workers.clock.now)
         self.rewinds: list[float] = []
         self.reason: str | None = None
         self._simulation = simulation
@@ -89,6 +89,7 @@ class Experiment:
         self._pacer = Pacer(simulation.period, 1.0, 0, 0.0)
         self._nudge = asyncio.Event()
         self._flight: asyncio.Task[None] | None = None
+        self._advance: Advance | None = None
         self._view: tuple[int, View] | None = None
         self._busy: set[asyncio.Task[Any]] = set()
         self.closed = False
@@ -135,20 +136,20 @@ class Experiment:
             await self._alone(lambda: loop.run_in_executor(self._workers.executor, fly))
         self._publish()
 
-    def _fly_to(self, epoch: int) -> None:
-        """In a worker: step until ``epoch`` or until the slice is used up."""
-        enough = time.perf_counter() + SLICE
-        while self._simulation.epoch < epoch and not self._simulation.finished:
+    def _fly_while(self, more: Callable[[int], bool]) -> None:
+        """In a worker: step while ``more`` says so of the epoch, and until the slice is used up."""
+        enough = self._workers.clock.now() + SLICE
+        while more(self._simulation.epoch) and not self._simulation.finished:
             self._simulation.step()
-            if time.perf_counter() >= enough:
+            if self._workers.clock.now() >= enough:
                 break
 
     def _fly_by_the_clock(self) -> None:
         """In a worker: fly what is due when the turn begins. A clock that was stopped meanwhile flies nowhere."""
         pacer = self._pacer
-        if self._state == "running":
-            due = pacer.due(self._simulation.epoch, time.monotonic())
-            self._fly_to(self._simulation.last_epoch if due is None else due)
+        if self._state == "running" and self._advance is None:
+            due = pacer.due(self._simulation.epoch, self._workers.clock.now())
+            self._fly_while(lambda epoch: due is None or epoch < due)
             pacer.flown(self._simulation.epoch)
 
     def _publish(self, at_once: bool = False) -> None:
@@ -163,17 +164,22 @@ class Experiment:
     # ---- the clock ------------------------------------------------------------------------------------------------
 
     def set_clock(self, state: Literal["running", "paused"] | None, speed: Speed | None) -> None:
-        """Run, pause, or change the speed.
+        """Run, pause, or change the speed. A pause also stops an advance, after the epoch that is under way.
 
         Raises:
-            Refused: the flight is over or has failed.
+            Refused: the flight is over or has failed, or an advance flies that a running clock would overrun.
         """
         if state == "running":
             self._may_fly()
+            self._no_other_advance("pause the clock first, or wait for its end")
+            self.reason = None
+        elif state == "paused":
+            self.stop_advance("paused")
+        self.attendance.commanded()
         starts = state == "running" and self._state == "paused"
         if starts or speed is not None:
             kept = self._pacer.speed if speed is None else speed
-            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, time.monotonic())
+            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, self._workers.clock.now())
         if starts:
             self._state = "running"
             if self._flight is None or self._flight.done():
@@ -190,23 +196,28 @@ class Experiment:
             raise Refused(409, f"the flight is over at {self._simulation.now:g} s; rewind it, or fork from before")
 
     async def _run(self) -> None:
-        """Fly at the clock's pace until paused, finished, failed or closed."""
+        """Fly at the clock's pace until paused, finished, failed or closed; an advance has the flight to itself."""
         while self._state == "running" and not self.closed:
+            if self.attendance.abandoned:
+                self._leave_alone()
+                return
             self._nudge.clear()
-            wait = self._pacer.wait(self._simulation.epoch, time.monotonic())
-            if wait > 0.0 and await self._nudged_within(wait):
+            if self._advance is not None:
+                await self._nudge.wait()
+                continue
+            wait = self._pacer.wait(self._simulation.epoch, self._workers.clock.now())
+            if wait > 0.0 and await self._workers.clock.happens_within(self._nudge, wait):
                 continue
             try:
                 await self._turn(self._fly_by_the_clock)
             except Exception as error:
                 self._fail(error)
 
-    async def _nudged_within(self, seconds: float) -> bool:
-        try:
-            await asyncio.wait_for(self._nudge.wait(), seconds)
-        except TimeoutError:
-            return False
-        return True
+    def _leave_alone(self) -> None:
+        """Pause a run that a page started and no page watches any more; the clock says why."""
+        _log.info("experiment %s: %s", self.id, LEFT_ALONE)
+        self._state, self.reason = "paused", LEFT_ALONE
+        self._publish(at_once=True)
 
     def _fail(self, error: Exception) -> None:
         _log.exception("experiment %s failed", self.id, exc_info=error)
@@ -214,27 +225,72 @@ class Experiment:
         self.reason = f"{type(error).__name__}: {error}".splitlines()[0][:300]
         self._publish()
 
-    async def advance(self, goal: Callable[[Simulation], int]) -> None:
+    async def advance(
+        self, advance: Advance, goal: Callable[[Simulation], int], outcome: Callable[[Simulation], T]
+    ) -> T:
         """Fly as fast as it goes to the epoch that ``goal`` says now; others get their turns in between.
 
+        Args:
+            advance: what this flight is stopped by.
+            goal: the epoch to reach, for the simulation as it is.
+            outcome: what is wanted of the simulation when it is there, before anything else flies it on.
+
         Raises:
-            Refused: the experiment has failed, or fails on the way.
+            Refused: another advance flies, the experiment has failed or fails on the way, or the flight was stopped.
         """
-        target = await self.read(goal)
-        while self._simulation.epoch < target and not self._simulation.finished and not self.closed:
-            if self._state == "failed":
-                self._may_fly()
-            try:
-                await self._turn(lambda: self._fly_to(target))
-            except Exception as error:
-                self._fail(error)
+        self._no_other_advance("pause the clock to stop it, or wait for its end")
+        if self.closed:
+            advance.stop("deleted")
+        self._advance = advance
+
+        def landed(simulation: Simulation) -> T:
+            assert advance.goal is not None
+            if simulation.epoch < advance.goal or advance.stopped == "rewound":
+                raise advance.refusal(simulation.epoch, simulation.period)
+            return outcome(simulation)
+
+        try:
+            advance.goal = await self.read(goal)
+            while advance.flies(self._simulation.epoch):
+                if self._state == "failed":
+                    self._may_fly()
+                try:
+                    await self._turn(lambda: self._fly_while(advance.flies))
+                except Exception as error:
+                    self._fail(error)
+            return await self.read(landed)
+        finally:
+            if self._advance is advance:
+                self._advance = None
+                self._pacer = Pacer(
+                    self._simulation.period, self._pacer.speed, self._simulation.epoch, self._workers.clock.now()
+                )
+                self._nudge.set()
+                self._publish(at_once=True)
+
+    def stop_advance(self, why: Stop) -> None:
+        """Stop the advance that flies, if one does, after the epoch that is under way."""
+        if self._advance is not None:
+            self._advance.stop(why)
+
+    def _no_other_advance(self, instead: str) -> None:
+        """Raise Refused if an advance flies and nobody has stopped it."""
+        if self._advance is not None and self._advance.stopped is None:
+            goal = self._advance.goal
+            where = "" if goal is None else f" to {goal * self._simulation.period:g} s"
+            raise Refused(409, f"an advance{where} flies already; {instead}")
 
     async def rewind(self, to: float) -> None:
-        """Go back to an earlier moment; the clock stops there. Raises CommandError outside the flight."""
+        """Go back to an earlier moment; the clock stops there, and so does an advance.
+
+        Raises:
+            CommandError: outside the flight; nothing has changed, and an advance flies on.
+        """
 
         def back(simulation: Simulation) -> float:
             before = simulation.epoch
             simulation.rewind(to)
+            self.stop_advance("rewound")
             # On the way out of the lock the clock must find itself stopped, so this is said here and not afterwards.
             if simulation.epoch < before or self._state == "failed":
                 self._state, self.reason = "paused", None
@@ -248,15 +304,6 @@ class Experiment:
             subscriber.rewound(now)
         self._publish(at_once=True)
 
-    @contextlib.contextmanager
-    def watched(self) -> Iterator[None]:
-        """Count someone who watches, for as long as it lasts."""
-        self._streams, self._expected_until = self._streams + 1, 0.0
-        try:
-            yield
-        finally:
-            self._streams -= 1
-
     # ---- what there is to see -------------------------------------------------------------------------------------
 
     async def state(self) -> ExperimentState:
@@ -266,6 +313,7 @@ class Experiment:
     def describe(self, simulation: Simulation) -> ExperimentState:
         """The experiment as it stands, for one who has the simulation."""
         scenario = simulation.scenario
+        advancing = self._advance is not None and self._advance.flies(simulation.epoch) and self._state != "failed"
         return ExperimentState(
             id=self.id,
             title=self.title,
@@ -273,7 +321,7 @@ class Experiment:
             seed=simulation.seed,
             scenario=ScenarioLabel(id=scenario.id, title=scenario.title, hint=scenario.hint),
             clock=ClockState(
-                state=self._state,
+                state="advancing" if advancing else self._state,
                 time=simulation.now,
                 epoch=simulation.epoch,
                 period=simulation.period,
@@ -291,7 +339,7 @@ class Experiment:
             parent=self.parent,
             ghost_of=self.ghost_of,
             spare=self.spare,
-            watchers=self._streams or int(time.monotonic() < self._expected_until),
+            watchers=self.attendance.watchers,
         )
 
     async def view(self) -> View:
@@ -329,6 +377,7 @@ class Experiment:
     async def close(self) -> None:
         """Stop the clock and wait until nobody is at work on the simulation."""
         self.closed = True
+        self.stop_advance("deleted")
         self._nudge.set()
         for subscriber in self.subscribers:
             subscriber.changed(at_once=True)

@@ -21,6 +21,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from ftcore import Fault, Scenario
 from ftcore.faults import Kind
+from ftcore.identifiers import Line
 from ftcore.scenario import Seconds
 
 
@@ -32,7 +33,7 @@ def whole(value: Any) -> Any:
 Speed = Annotated[float, Field(ge=0.5, le=100.0)] | Literal["max"]
 Seed = Annotated[int, Field(ge=0, le=2**53 - 1), BeforeValidator(whole)]
 Epochs = Annotated[int, Field(ge=0, le=10_000_000), BeforeValidator(whole)]
-State = Literal["paused", "running", "finished", "failed"]
+State = Literal["paused", "running", "advancing", "finished", "failed"]
 
 
 class Request(BaseModel):
@@ -81,7 +82,7 @@ class NewExperiment(Request):
         description="id of a ready scenario, or a scenario document"
     )
     seed: Seed | None = Field(default=None, description="instead of the scenario's")
-    title: str | None = Field(default=None, min_length=1, max_length=120, description="the scenario's if absent")
+    title: Line | None = Field(default=None, min_length=1, max_length=120, description="the scenario's if absent")
     spare: bool = Field(
         default=False,
         description="whether a page may take it over, or delete it for want of room, while nobody has touched it",
@@ -91,13 +92,13 @@ class NewExperiment(Request):
 class ClockState(Answer):
     """Where an experiment's clock stands."""
 
-    state: State
+    state: State = Field(description="advancing: flown by an advance, which a paused clock or a rewind stops")
     time: float = Field(description="time of the last epoch [s]", json_schema_extra={"unit": "s"})
     epoch: int
     period: float = Field(description="seconds between epochs", json_schema_extra={"unit": "s"})
     speed: float | Literal["max"] = Field(description="simulated seconds per second, or as fast as it goes")
     duration: float = Field(json_schema_extra={"unit": "s"})
-    reason: str | None = Field(default=None, description="why it failed")
+    reason: str | None = Field(default=None, description="why it failed, or was paused unasked")
 
 
 class FaultState(Answer):
@@ -224,7 +225,7 @@ class Fork(Request):
     model_config = ConfigDict(json_schema_extra={"examples": [{"at": 45.0, "title": "without doppler"}]})
 
     at: Seconds | None = Field(default=None)
-    title: str | None = Field(default=None, min_length=1, max_length=120)
+    title: Line | None = Field(default=None, min_length=1, max_length=120)
 
 
 class Cursor(Request):

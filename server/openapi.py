@@ -22,7 +22,8 @@ its time has changed), `view` (diagram and scene) and `reset` (time: forget what
 (signals) to get frames, and `ack` (time: the last of the frames) for each: with three unacknowledged the stream
 waits, and then sends what was missed thinned to its extremes. `?since=t` goes on after t (an event of t itself may
 come again, by the same index); with `&history=n` of the last `hello` or `reset` it also tells of a rewind missed
-meanwhile. Close codes: 4404 no such experiment, 4410 deleted, 4400 a message not understood, 4429 too many streams.
+meanwhile. Close codes: 4404 no such experiment, 4410 deleted, 4400 a message not understood, 4429 too many
+streams or sockets, 1008 more than 50 messages a second.
 """
 TAGS = {
     "systems": "what can fly, and how it describes itself",
@@ -71,7 +72,7 @@ def _document(app: FastAPI, guarded: bool) -> dict[str, Any]:
         for operation in methods.values():
             _without_fastapis_error(operation["responses"])
             if guarded and operation["operationId"] not in OPEN:
-                operation["responses"] |= {"401": documented(401)[401]}
+                operation["responses"] |= {str(status): documented(status)[status] for status in (401, 429)}
                 operation["security"] = [{"token": []}]
     if guarded:
         components["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}

@@ -2,12 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
+import time
 from typing import Literal
 
 SLIP = 1.0
 """An experiment further behind than this [s] gives up what it missed instead of racing after it."""
 
 Speed = float | Literal["max"]
+
+
+class Clock:
+    """The machine's monotonic clock, and waiting by it. Tests of pace bring one that they move by hand."""
+
+    def now(self) -> float:
+        """Seconds since some fixed moment [s]."""
+        return time.monotonic()
+
+    async def happens_within(self, event: asyncio.Event, seconds: float) -> bool:
+        """Wait for ``event``, at most ``seconds`` [s]; whether it happened."""
+        try:
+            await asyncio.wait_for(event.wait(), seconds)
+        except TimeoutError:
+            return False
+        return True
 
 
 class Pacer:

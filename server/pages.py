@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import gzip
 import hashlib
 import html
@@ -16,13 +15,12 @@ from urllib.parse import parse_qs
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import RedirectResponse
 
+from server.limits import client_of
 from server.problems import Refused
-from server.security import COOKIE, Doorkeeper
+from server.security import COOKIE, Doorkeeper, TooSoon
 
 router = APIRouter(include_in_schema=False)
 _COMPRESSIBLE = ("text/", "application/json", "image/svg+xml", "application/javascript")
-WRONG_TOKEN_DELAY = 0.5
-"""Seconds that a wrong token costs whoever tries."""
 REVALIDATE, FOREVER = "no-cache", "public, max-age=31536000, immutable"
 
 
@@ -132,9 +130,11 @@ async def login(request: Request) -> Response:
     """Gives a session cookie for the token."""
     doorkeeper: Doorkeeper = request.app.state.doorkeeper
     given = parse_qs((await request.body()).decode("utf-8", "replace")).get("token", [""])[0]
-    session = doorkeeper.session_for(given)
+    try:
+        session = doorkeeper.tried(given, client_of(request.scope))
+    except TooSoon as wait:
+        return _login_page(f"{str(wait).capitalize()}.", 429, {"retry-after": wait.seconds})
     if session is None:
-        await asyncio.sleep(WRONG_TOKEN_DELAY)
         return _login_page("That is not the token of this server.", 401)
     response = RedirectResponse("/", status_code=303)
     secure = request.url.scheme == "https"
@@ -142,9 +142,9 @@ async def login(request: Request) -> Response:
     return response
 
 
-def _login_page(message: str, status: int = 200) -> Response:
+def _login_page(message: str, status: int = 200, headers: dict[str, str] | None = None) -> Response:
     page = (resources.files("server") / "resources" / "login.html").read_text("utf-8")
     return Response(
         page.replace("{{message}}", html.escape(message)), status_code=status, media_type="text/html",
-        headers={"cache-control": "no-store"},
+        headers={"cache-control": "no-store", **(headers or {})},
     )  # fmt: skip

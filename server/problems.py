@@ -7,6 +7,7 @@ has changed.
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Container, Iterable, Sequence
 from http import HTTPStatus
@@ -78,7 +79,9 @@ def problem(
 ) -> Response:
     """A problem response."""
     body = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, errors=list(errors))
-    return Response(body.model_dump_json(exclude_none=True), status_code=status, media_type=MEDIA_TYPE, headers=headers)
+    # What was sent may be quoted in it, and may hold halves of surrogate pairs: `json` spells them, UTF-8 cannot.
+    content = json.dumps(body.model_dump(exclude_none=True))
+    return Response(content, status_code=status, media_type=MEDIA_TYPE, headers=headers)
 
 
 _MEANING = {
@@ -88,10 +91,12 @@ _MEANING = {
     404: "There is nothing of that name.",
     406: "None of the media types asked for can be given.",
     409: "Well-formed, but it contradicts itself or the state of the experiment. Nothing has changed.",
+    410: "It was deleted meanwhile.",
     413: "The body is too large.",
     415: "The body is not sent as the media type that is wanted.",
     422: "The request does not fit the schema. Nothing has changed.",
     429: "A limit of this server is reached.",
+    503: "The server is being stopped.",
 }
 
 
@@ -133,13 +138,33 @@ def field_errors(
     """
     found: dict[tuple[Any, ...], FieldError] = {}
     for error in errors:
-        inner = place(error["loc"], given)
+        inner = place(error["loc"], given) or _named_in(str(error["msg"]), form)
         detail, accepted = _in_words(error, inner, form)
         location = (*prefix, *inner)
         if location in found and detail != found[location].detail:
             detail = f"{found[location].detail}; or {detail}"
         found[location] = at(location, detail, accepted, source)
     return list(found.values())
+
+
+_PLAIN = {
+    "greater_than": "more than {gt} is needed",
+    "greater_than_equal": "at least {ge} is needed",
+    "less_than": "less than {lt} is needed",
+    "less_than_equal": "at most {le} is taken",
+    "finite_number": "a finite number is needed",
+    **dict.fromkeys(("float_type", "float_parsing"), "a number is needed"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number is needed"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false is needed"),
+    "string_type": "a text is needed",
+    "string_too_short": "a text of at least {min_length} characters is needed",
+    "string_too_long": "a text of at most {max_length} characters is needed",
+    **dict.fromkeys(("list_type", "tuple_type"), "a list is needed"),
+    "too_short": "at least {min_length} items are needed",
+    "too_long": "at most {max_length} items are taken",
+    **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "an object with named fields is needed"),
+}
+"""What pydantic says of a value, in plain words; whatever else it says is passed on."""
 
 
 def _in_words(error: Any, location: Sequence[Any], form: Any) -> tuple[str, list[str] | None]:
@@ -152,9 +177,18 @@ def _in_words(error: Any, location: Sequence[Any], form: Any) -> tuple[str, list
         return f"{location[-1]!r} is needed" if location else "a body is needed", None
     if error["type"] in ("literal_error", "enum"):
         return f"{_shown(error.get('input'))} is not accepted; {error['ctx']['expected']} is", None
+    if error["type"] in _PLAIN:
+        bounds = {name: f"{v:g}" if isinstance(v, float) else v for name, v in error.get("ctx", {}).items()}
+        detail = _PLAIN[error["type"]].format(**bounds)
     if error.get("input") is not None and not isinstance(error["input"], dict | list):
         return f"{detail}, not {_shown(error['input'])}", None
     return detail, None
+
+
+def _named_in(message: str, form: Any) -> tuple[Any, ...]:
+    """The field that a rule on the whole document speaks of: the one its sentence begins with, if there is one."""
+    first = message.removeprefix("Value error, ").split(" ", 1)[0]
+    return (first,) if first in (accepted_fields(form, ()) or ()) else ()
 
 
 def _shown(value: Any) -> str:
@@ -186,7 +220,11 @@ def _summary(errors: Sequence[FieldError]) -> str:
         return "the request cannot be taken"
     first = errors[0]
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-    return f"{first.field or 'body'}: {first.detail}{more}"
+    # A rule on several fields names them itself.
+    detail = (
+        first.detail if not first.field or first.detail.startswith(first.field) else f"{first.field}: {first.detail}"
+    )
+    return f"{detail}{more}"
 
 
 def install(app: FastAPI) -> None:

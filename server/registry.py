@@ -16,8 +16,10 @@ from pydantic import ValidationError
 from ftcore import Scenario, Simulation, catalogue
 from ftcore.scenario import Change, Clear, Inject
 from server import problems
+from server.advances import Advance
 from server.experiments import Experiment, Workers
 from server.models import whole
+from server.pacing import Clock
 from server.problems import Refused, at
 from server.settings import Settings
 from server.uploads import Uploads
@@ -33,16 +35,23 @@ class ReceiverLog:
 
 
 class ExperimentRegistry:
-    """The experiments of this server, and the uploaded files that they use. Lives on the event loop."""
+    """The experiments of this server, and the uploaded files that they use. Lives on the event loop.
 
-    def __init__(self, settings: Settings, uploads: Uploads) -> None:
+    Args:
+        settings: what can be set.
+        uploads: the folder of uploaded files.
+        clock: what experiments fly by; the machine's if absent.
+    """
+
+    def __init__(self, settings: Settings, uploads: Uploads, clock: Clock | None = None) -> None:
         self.settings = settings
         self.uploads = uploads
         self._experiments: dict[str, Experiment] = {}
         self._reserved = 0
+        self.leaving = False
         self._reader = asyncio.Semaphore(1)  # reading a large log takes a core and some memory: one at a time
         self._executor = ThreadPoolExecutor(settings.workers, thread_name_prefix="flight")
-        self._workers = Workers(self._executor, settings.workers)
+        self._workers = Workers(self._executor, settings.workers, clock or Clock())
 
     def __len__(self) -> int:
         """Live experiments."""
@@ -51,6 +60,11 @@ class ExperimentRegistry:
     def all(self) -> list[Experiment]:
         """All experiments, oldest first."""
         return list(self._experiments.values())
+
+    @property
+    def making(self) -> int:
+        """Experiments that are being made."""
+        return self._reserved
 
     def get(self, id: str) -> Experiment:
         """One experiment. Raises Refused (404) if there is none of that id."""
@@ -91,8 +105,12 @@ class ExperimentRegistry:
             branch = await parent.read(lambda simulation: simulation.fork(at))
             return self._enter(branch, title or f"{parent.title} (branch)", parent=parent.id)
 
-    async def ghost(self, original: Experiment) -> Experiment:
-        """The same flight without any fault, flown to the same time."""
+    async def ghost(self, original: Experiment, advance: Advance) -> Experiment:
+        """The same flight without any fault, flown to the same time by ``advance``.
+
+        Raises:
+            Refused: at the cap, or the flight failed or was stopped; then there is no ghost.
+        """
         document, epoch = await original.read(lambda simulation: (simulation.document(), simulation.epoch))
         scenario = without_faults(document)
         with self._using(scenario):
@@ -102,9 +120,10 @@ class ExperimentRegistry:
                 ghost_of=original.id,
             )
         try:
-            await ghost.advance(lambda _: epoch)
+            await ghost.advance(advance, lambda _: epoch, lambda _: None)
         except Refused:
-            await self.delete(ghost.id)
+            if not ghost.closed:
+                await self.delete(ghost.id)
             raise
         return ghost
 
@@ -114,6 +133,12 @@ class ExperimentRegistry:
         del self._experiments[id]
         await experiment.close()
         self._tidy()
+
+    def leave(self) -> None:
+        """The server is about to be stopped: whoever waits for a flight gets an answer while there is time for one."""
+        self.leaving = True
+        for experiment in self._experiments.values():
+            experiment.stop_advance("leaving")
 
     async def close(self) -> None:
         """Stop everything."""

@@ -5,14 +5,14 @@ The page's template, style and script lie in ``resources``; they and plotly.js a
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from importlib import metadata, resources
 from typing import Any
 
-import orjson
-
 from ftcore import Simulation, units
 from server import series
+from server.encoding import to_json
 
 POINTS = 1200
 """About how many rows each chart is drawn from; extremes are kept."""
@@ -50,19 +50,16 @@ def gather(simulation: Simulation, title: str) -> dict[str, Any]:
 
 def render(facts: dict[str, Any]) -> bytes:
     """The page as HTML."""
-    data = orjson.dumps(facts, option=orjson.OPT_SERIALIZE_NUMPY).replace(b"<", b"\\u003c")
+    data = to_json(facts).replace(b"<", b"\\u003c")
     parts = {
-        b"{{title}}": facts["title"].replace("&", "&amp;").replace("<", "&lt;").encode(),
-        b"{{style}}": _resource("report.css"),
-        b"{{plotly}}": _plotly(),
-        b"{{script}}": _resource("report.js"),
-        b"{{data}}": data,
+        b"title": facts["title"].replace("&", "&amp;").replace("<", "&lt;").encode(),
+        b"style": _resource("report.css"),
+        b"plotly": _plotly(),
+        b"script": _resource("report.js"),
+        b"data": data,
     }
-    page = _resource("report.html")
-    for place, content in parts.items():
-        before, _, after = page.partition(place)
-        page = before + content + after
-    return page
+    # In one pass over the template, so that a title which looks like a place is only a title.
+    return re.sub(rb"\{\{(\w+)\}\}", lambda place: parts[place[1]], _resource("report.html"))
 
 
 def _resource(name: str) -> bytes:

@@ -1,7 +1,8 @@
 """viser on the page's own origin: its client as one file, its socket through a filter.
 
-The browser talks to FTLab's port only. Whatever a browser says to viser is decoded and let through by type: it may tell
-where its camera is, and nothing else. So no tunnel, no file, no script can be asked for.
+The browser talks to FTLab's port only. Whatever a browser says to viser is decoded, checked and written anew: it may
+tell where its camera is, and nothing else. So no tunnel, no file, no script can be asked for, and viser hears nothing
+that it would stumble over.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import contextlib
 import gzip
 import hashlib
+import logging
+import math
 from functools import lru_cache
 from pathlib import Path
 
@@ -19,13 +22,17 @@ from fastapi import APIRouter, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import RedirectResponse
 
 from server.dependencies import Live, LiveSocket
+from server.limits import Budget
 from server.scenes import SECRET_HEADER, Scenes
 from server.security import SCENE_POLICY
+from server.settings import Settings
 from server.tasks import until_one_ends
 
-ALLOWED = frozenset({"ViewerCameraMessage"})
-"""Types of messages that a browser may send to viser."""
-MAX_INBOUND = 64 * 1024
+MAX_INBOUND = 4096
+"""Longest message that a browser may send [bytes]; a camera has about 300."""
+MESSAGES_A_SECOND, MESSAGES_AT_ONCE = 100.0, 200
+"""How many messages a browser may send: in the long run (viser's client tells its camera 50 times), and in a burst."""
+FLOOD = 1008
 HIDE = (
     b"<style>[data-floating-window],#root .mantine-Paper-root,#webgl-software-rendering{display:none!important}</style>"
 )
@@ -39,23 +46,40 @@ that, rightly; this keeps the browser from reporting it as an error of the page.
 _PASSED_CLOSE_CODES = (1000, 1001, 1002, 1003, 1008, 1011)
 
 router = APIRouter(include_in_schema=False)
+_log = logging.getLogger("ftlab")
 
 
-class _Typed(msgspec.Struct):
-    type: str
+class Camera(msgspec.Struct, tag="ViewerCameraMessage", tag_field="type"):
+    """Where a browser's camera is: the one message that viser may hear from it."""
+
+    wxyz: tuple[float, float, float, float]
+    position: tuple[float, float, float]
+    fov: float
+    near: float
+    far: float
+    image_height: float
+    image_width: float
+    look_at: tuple[float, float, float]
+    up_direction: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no number."""
+        single = (self.fov, self.near, self.far, self.image_height, self.image_width)
+        if not all(map(math.isfinite, (*self.wxyz, *self.position, *self.look_at, *self.up_direction, *single))):
+            raise ValueError("a camera is somewhere")
 
 
-_decoder = msgspec.msgpack.Decoder(_Typed)
+_decoder, _encoder = msgspec.msgpack.Decoder(Camera), msgspec.msgpack.Encoder()
 
 
-def may_pass(message: bytes) -> bool:
-    """Whether viser may hear this from a browser."""
+def passed(message: bytes) -> bytes | None:
+    """What viser hears of a browser's message: the camera in it, written anew; None for everything else."""
     if len(message) > MAX_INBOUND:
-        return False
+        return None
     try:
-        return _decoder.decode(message).type in ALLOWED
-    except msgspec.MsgspecError:
-        return False
+        return _encoder.encode(_decoder.decode(message))
+    except (msgspec.MsgspecError, ValueError, RecursionError, OverflowError):
+        return None
 
 
 @lru_cache(maxsize=1)
@@ -96,6 +120,10 @@ async def scene_socket(socket: WebSocket, experiment: LiveSocket) -> None:
         await socket.close(1008)
         return
     scene = await scenes.of(experiment)
+    settings: Settings = socket.app.state.settings
+    if scene.viewers >= settings.streams_per_experiment:
+        await socket.close(1008, f"{settings.streams_per_experiment} browsers see this scene already")
+        return
     protocols = [websockets.Subprotocol(p) for p in socket.scope.get("subprotocols", []) if p.startswith("viser-v")]
     async with websockets.connect(
         f"ws://127.0.0.1:{scene.port}/",
@@ -109,9 +137,11 @@ async def scene_socket(socket: WebSocket, experiment: LiveSocket) -> None:
         await socket.accept(subprotocol=upstream.subprotocol)
         scene.entered()
         try:
-            await until_one_ends(_to_browser(upstream, socket), _to_viser(socket, upstream))
+            heard = Inbound(experiment.id)
+            await until_one_ends(_to_browser(upstream, socket), heard.pass_on(socket, upstream))
         finally:
             scene.left()
+            heard.summary()
         code = upstream.close_code if upstream.close_code in _PASSED_CLOSE_CODES else 1000
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):
             await socket.close(code)
@@ -123,11 +153,34 @@ async def _to_browser(upstream: websockets.ClientConnection, socket: WebSocket) 
             await socket.send_bytes(message)
 
 
-async def _to_viser(socket: WebSocket, upstream: websockets.ClientConnection) -> None:
-    while True:
-        message = await socket.receive()
-        if message["type"] == "websocket.disconnect":
-            return
-        said = message.get("bytes")
-        if said is not None and may_pass(said):
-            await upstream.send(said)
+class Inbound:
+    """What one browser says: passed on, or dropped and counted."""
+
+    def __init__(self, experiment: str) -> None:
+        self._experiment = experiment
+        self._budget = Budget(MESSAGES_A_SECOND, MESSAGES_AT_ONCE)
+        self._dropped = 0
+
+    async def pass_on(self, socket: WebSocket, upstream: websockets.ClientConnection) -> None:
+        """Pass cameras on to viser until the browser leaves, or says too much."""
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            if not self._budget.spend():
+                await socket.close(FLOOD, f"more than {MESSAGES_A_SECOND:g} messages a second")
+                return
+            camera = passed(message.get("bytes") or b"")
+            if camera is None:
+                self._dropped += 1
+            else:
+                await upstream.send(camera)
+
+    def summary(self) -> None:
+        """One line in the log if anything was dropped, however much it was."""
+        if self._dropped:
+            _log.warning(
+                "a browser sent %d messages to the scene of experiment %s that are no camera; viser did not hear them",
+                self._dropped,
+                self._experiment,
+            )

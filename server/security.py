@@ -18,6 +18,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from server.limits import Patience, client_of, whole_seconds
 from server.problems import problem
 from server.settings import LOOPBACK, Settings
 from server.uploads import UPLOAD_PATH
@@ -58,6 +59,14 @@ _HEADERS = {
 _SAFE = ("GET", "HEAD", "OPTIONS")
 
 
+class TooSoon(Exception):
+    """A client that has tried wrong tokens must wait; says how long [s]."""
+
+    def __init__(self, wait: float) -> None:
+        self.seconds = whole_seconds(wait)
+        super().__init__(f"too many wrong tokens from your address; try again in {self.seconds} s")
+
+
 class Doorkeeper:
     """Decides who may come in; knows nothing of ASGI."""
 
@@ -66,6 +75,7 @@ class Doorkeeper:
         self._names = {name.lower() for name in (*LOOPBACK, settings.host)}
         self._extra = {name.lower() for name in settings.allowed_hosts}
         self._any_address = settings.host not in LOOPBACK
+        self.patience = Patience()
         self._session = hmac.new(secrets.token_bytes(32), (settings.token or "").encode(), hashlib.sha256).hexdigest()
 
     @property
@@ -79,19 +89,31 @@ class Doorkeeper:
             return None
         return self._session
 
-    def knows(self, headers: Headers) -> bool:
-        """Whether the request carries the token, or a cookie that was given for it."""
+    def remembers(self, headers: Headers) -> bool:
+        """Whether the request carries the cookie that was given for the token, or none is needed."""
         if self._token is None:
-            return True
-        scheme, _, bearer = headers.get("authorization", "").partition(" ")
-        given = bearer.strip() if scheme.lower() == "bearer" else headers.get(TOKEN_HEADER, "")
-        if hmac.compare_digest(given.encode(), self._token.encode()):
             return True
         try:
             morsel = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
         except CookieError:
             return False
         return morsel is not None and hmac.compare_digest(morsel.value.encode(), self._session.encode())
+
+    def tried(self, token: str, client: str) -> str | None:
+        """Session for a token that a client tries; None if it is the wrong one, and that is remembered.
+
+        Raises:
+            TooSoon: the client has tried wrong ones; it is not even looked at until the wait is over.
+        """
+        wait = self.patience.wait(client)
+        if wait > 0.0:
+            raise TooSoon(wait)
+        session = self.session_for(token)
+        if session is None:
+            self.patience.failed(client)
+        else:
+            self.patience.succeeded(client)
+        return session
 
     def answers_to(self, authority: str, port: int | None, scheme: str) -> bool:
         """Whether ``name:port`` is one of this server's.
@@ -118,6 +140,13 @@ class Doorkeeper:
         """Whether a page of this origin may talk to the server."""
         scheme, separator, authority = origin.partition("://")
         return bool(separator) and scheme in ("http", "https") and self.answers_to(authority, port, scheme)
+
+
+def _token_in(headers: Headers) -> str | None:
+    """The token that a request carries, right or wrong; None if it carries none."""
+    scheme, _, bearer = headers.get("authorization", "").partition(" ")
+    given = bearer.strip() if scheme.lower() == "bearer" else headers.get(TOKEN_HEADER, "")
+    return given or None
 
 
 def _is_address(name: str) -> bool:
@@ -168,8 +197,15 @@ class Security:
             return problem(403, "requests from pages of another origin are refused")
         if headers.get("sec-fetch-site") == "cross-site" and scope.get("method", "GET") not in _SAFE:
             return problem(403, "requests from pages of another site are refused")
-        if scope["path"] in OPEN_PATHS or self.doorkeeper.knows(headers):
+        if scope["path"] in OPEN_PATHS or self.doorkeeper.remembers(headers):
             return self._unreadable(scope, headers)
+        token = _token_in(headers)
+        if token is not None:
+            try:
+                if self.doorkeeper.tried(token, client_of(scope)) is not None:
+                    return self._unreadable(scope, headers)
+            except TooSoon as wait:
+                return problem(429, str(wait), headers={"retry-after": wait.seconds})
         if scope.get("method") == "GET" and "text/html" in headers.get("accept", ""):
             return RedirectResponse("/login", status_code=303)
         return problem(401, "a token is needed: Authorization: Bearer <token>", headers={"www-authenticate": "Bearer"})

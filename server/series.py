@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import orjson
 from numpy.typing import NDArray
 
 from ftcore import Simulation
+from server.encoding import to_json
 
 Array = NDArray[np.float64]
 Decimation = Literal["none", "samples", "envelope"]
@@ -37,7 +37,7 @@ class Columns:
             "decimation": self.decimation,
             "resolution": self.resolution,
         }
-        return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
+        return to_json(document)
 
 
 def rows_for(signals: int) -> int:

@@ -39,17 +39,20 @@ class Settings(BaseModel):
     max_epochs: int = Field(default=20_000, ge=16, description="recorded epochs of an experiment before thinning")
     max_body_bytes: int = Field(default=4_000_000, ge=1_000, description="largest request body")
     max_observation_bytes: int = Field(
-        default=20_000_000, ge=1_000, le=20_000_000, description="largest observation file of a receiver's log"
+        default=64_000_000, ge=1_000, le=64_000_000, description="largest observation file of a receiver's log"
     )
     max_navigation_bytes: int = Field(
-        default=5_000_000, ge=1_000, le=5_000_000, description="largest navigation file of a receiver's log"
+        default=20_000_000, ge=1_000, le=20_000_000, description="largest navigation file of a receiver's log"
     )
-    max_log_epochs: int = Field(default=3_600, ge=1, le=3_600, description="epochs of the longest log")
+    max_log_epochs: int = Field(default=8_640, ge=1, le=8_640, description="epochs of the longest log")
     max_upload_bytes: int = Field(
-        default=200_000_000, ge=1_000, description="all uploaded logs together; each goes with its last experiment"
+        default=400_000_000, ge=1_000, description="all uploaded logs together; each goes with its last experiment"
     )
     max_advance_epochs: int = Field(default=1_000_000, ge=1, description="largest single advance")
     workers: int = Field(default=2, ge=1, le=64, description="threads that step experiments")
+    sockets_per_client: int = Field(
+        default=256, ge=1, description="streams and scenes open from one address at the same time"
+    )
     streams_per_experiment: int = Field(default=32, ge=1, description="browsers watching one experiment")
     frontend: Path = Field(default=REPOSITORY / "frontend", description="folder of the page")
 

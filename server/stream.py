@@ -15,12 +15,13 @@ from collections import deque
 from typing import Any
 
 import msgspec
-import orjson
 from fastapi import WebSocket, WebSocketDisconnect
 
 from ftcore import Simulation
 from server.descriptions import signals_with_factors
+from server.encoding import to_json
 from server.experiments import Experiment
+from server.limits import Budget
 from server.models import ExperimentState
 from server.series import Columns, columns, rows_for
 from server.tasks import until_one_ends
@@ -35,8 +36,12 @@ MAX_EVENTS = 500
 MAX_MESSAGE = 100_000
 """Longest message that a viewer may send [bytes]."""
 
-UNKNOWN, GONE, BAD_MESSAGE, BUSY, BROKEN = 4404, 4410, 4400, 4429, 1011
-"""Close codes: no such experiment, it was deleted, a message that cannot be understood, too many streams, a defect."""
+MESSAGES_A_SECOND, MESSAGES_AT_ONCE = 50.0, 100
+"""How many messages a viewer may send: in the long run (it acknowledges twenty frames a second), and in a burst."""
+
+UNKNOWN, GONE, BAD_MESSAGE, BUSY, FLOOD, BROKEN = 4404, 4410, 4400, 4429, 1008, 1011
+"""Close codes: no such experiment, it was deleted, a message that cannot be understood, too many streams, too many
+messages, a defect."""
 
 _log = logging.getLogger("ftlab")
 
@@ -105,6 +110,7 @@ class Viewer:
         self._state: ExperimentState | None = None
         self._viewed = -1
         self._credit = Credit()
+        self._budget = Budget(MESSAGES_A_SECOND, MESSAGES_AT_ONCE)
 
     # ---- what the experiment tells --------------------------------------------------------------------------------
 
@@ -124,7 +130,7 @@ class Viewer:
         """Serve the socket until either side has enough."""
         self.experiment.subscribers.add(self)
         try:
-            with self.experiment.watched():
+            with self.experiment.attendance.watched():
                 errors = await until_one_ends(self._listen(), self._tell())
         finally:
             self.experiment.subscribers.discard(self)
@@ -138,6 +144,9 @@ class Viewer:
         while True:
             message = await self.socket.receive()
             if message["type"] == "websocket.disconnect":
+                return
+            if not self._budget.spend():
+                await self.socket.close(FLOOD, f"more than {MESSAGES_A_SECOND:g} messages a second")
                 return
             raw = message.get("text") or message.get("bytes") or b""
             try:
@@ -153,11 +162,10 @@ class Viewer:
             case Ack(time=time):
                 self._credit.acknowledged(time)
             case Subscribe(signals=names):
-                known = {signal.name for signal in self.experiment.description.signals}
-                unknown = [name for name in names if name not in known]
+                unknown = [name for name in names if name not in self.experiment.signals]
                 if unknown or len(names) > MAX_SIGNALS:
                     raise ValueError(f"no signal {unknown[0]!r}" if unknown else f"at most {MAX_SIGNALS} signals")
-                self._names = list(dict.fromkeys(names))
+                self._names = list(dict.fromkeys(names))  # of several between two frames the newest counts
         self._news.set()
 
     async def _tell(self) -> None:
@@ -250,7 +258,7 @@ class Viewer:
         return self.experiment.describe(simulation), events, frames
 
     async def _send(self, message: dict[str, Any]) -> None:
-        await self.socket.send_text(orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY).decode())
+        await self.socket.send_text(to_json(message).decode())
 
 
 def events_before(simulation: Simulation, time: float) -> int:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 
 from ftcore import Scenario
 from server.problems import Refused
+from server.temporary import TemporaryFolder
 
 UPLOAD_PATH = "/api/v1/logs"
 """Where files come in: the one place that takes a form instead of JSON, and a larger body."""
@@ -30,7 +30,7 @@ class Uploads:
     """
 
     def __init__(self, most: int) -> None:
-        self._temporary = tempfile.TemporaryDirectory(prefix="ftlab-")  # 0700: no other user looks in
+        self._temporary = TemporaryFolder()
         self._most = most
         self._sizes: dict[str, int] = {}
         self._held: Counter[str] = Counter()
@@ -38,7 +38,7 @@ class Uploads:
     @property
     def folder(self) -> Path:
         """Where they lie."""
-        return Path(self._temporary.name)
+        return self._temporary.path
 
     def __len__(self) -> int:
         """How many files."""
@@ -90,7 +90,7 @@ class Uploads:
     def close(self) -> None:
         """Delete everything."""
         self._sizes.clear()
-        self._temporary.cleanup()
+        self._temporary.close()
 
 
 def _texts(value: Any) -> Iterator[str]:

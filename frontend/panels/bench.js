@@ -1,8 +1,8 @@
 /** The fault form: drawn from the schema of a fault and from what each channel takes. */
 import { Panel, fill, freshId, h, setText } from '../dom.js';
 import { Problem, commands } from '../api.js';
-import { numberIn, resolved } from '../schema.js';
-import { capital, clock, unitText, words } from '../format.js';
+import { isTime, needed, numberIn, resolved, timeIn } from '../schema.js';
+import { capital, clock, sentenced, unitText, words } from '../format.js';
 import { faultText, fitted, subjectLabel, unseen } from '../marks.js';
 import { store } from '../store.js';
 import { id, inject, say } from '../actions.js';
@@ -18,6 +18,8 @@ export class Bench extends Panel {
   #suggested = '';
   /** The person has chosen the channel; it is not the list's first by chance. */
   #picked = false;
+  /** An injection is under way. */
+  #busy = false;
 
   build() {
     this.search = h('input', { type: 'search', id: 'find-channel', placeholder: 'any channel', 'aria-label': 'Find a channel', oninput: () => this.#list() });
@@ -33,9 +35,9 @@ export class Bench extends Panel {
     this.sentence = h('p', { class: 'sentence' });
     this.extra = h('div', { class: 'fields' });
     this.button = h('button', { class: 'primary wide', type: 'submit' }, 'Inject');
-    const seconds = () => h('span', { class: 'unit' }, 's');
+    const seconds = () => h('span', { class: 'unit', title: 'Seconds (150), or minutes and seconds (2:30)' }, 's');
     this.append(h('h2', {}, 'Inject a fault'), h('form', {
-      class: 'fields', novalidate: true, 'aria-label': 'Inject a fault', onsubmit: (/** @type {Event} */ event) => {
+      class: 'fields', novalidate: true, 'data-once': true, 'aria-label': 'Inject a fault', onsubmit: (/** @type {Event} */ event) => {
         event.preventDefault();
         void this.#inject();
       },
@@ -148,38 +150,71 @@ export class Bench extends Panel {
     this.#complain(new Map());
   }
 
+  /** Whether a field holds seconds, which may be typed as 2:30. @param {string} name */
+  #timed(name) {
+    if (name === 'magnitude') return this.#chosen()?.faults[this.kind?.value ?? '']?.unit === 's';
+    return name === 'start' || name === 'end' || isTime(this.#property(name));
+  }
+
+  /** What the schema of a fault says of a field. @param {string} name */
+  #property(name) {
+    const schema = store.get().description?.fault_schema ?? {};
+    return resolved(schema.properties?.[name] ?? {}, schema);
+  }
+
+  /** What is missing or no number, by field. @param {Record<string, unknown>} fault */
+  #amiss(fault) {
+    /** @type {Map<string, string>} */
+    const wrong = new Map();
+    if (!this.channel?.value) wrong.set('channel', 'Choose a channel; none matches the search.');
+    for (const [name, { input, row }] of this.#fields) {
+      if (name === 'channel' || name === 'kind' || row.hidden || typeof fault[name] === 'number') continue;
+      const text = input.value.trim();
+      const optional = name === 'start' || name === 'end';
+      if (optional && !(name in fault)) continue;
+      const unit = unitText(this.#chosen()?.faults[this.kind?.value ?? '']?.unit);
+      if (!text && name === 'magnitude') wrong.set(name, `A magnitude is needed: how large the fault is${unit ? `, in ${unit}` : ''}.`);
+      else {
+        const schema = { ...this.#property(name), type: 'number', ...(this.#timed(name) && { unit: 's' }) };
+        wrong.set(name, `${needed(optional || name === 'magnitude' ? { type: 'number', unit: schema.unit === 's' ? 's' : '' } : schema)}${text && `, not “${text}”`}.`);
+      }
+    }
+    return wrong;
+  }
+
   /** The fault as the form has it; text that is no number is passed on, for the server to name the field. */
   #fault() {
     /** @type {Record<string, unknown>} */
     const fault = { channel: this.channel?.value ?? '', kind: this.kind?.value ?? '' };
     for (const [name, { input, row }] of this.#fields) {
       if (name === 'channel' || name === 'kind' || row.hidden || input.value.trim() === '' || input.value.trim() === input.getAttribute('placeholder')) continue;
-      fault[name] = numberIn(input.value) ?? input.value;
+      fault[name] = (this.#timed(name) ? timeIn(input.value) : numberIn(input.value)) ?? input.value;
     }
     return fault;
   }
 
   async #inject() {
+    if (this.#busy) return;
     const fault = this.#fault();
-    const wrong = new Map();
-    for (const [name, value] of Object.entries(fault)) {
-      if (name !== 'channel' && name !== 'kind' && typeof value !== 'number') wrong.set(name, `A number is needed, not “${value}”.`);
-    }
-    if (!this.channel?.value) wrong.set('channel', 'Choose a channel; none matches the search.');
+    const wrong = this.#amiss(fault);
     this.#complain(wrong);
     if (wrong.size) return;
+    this.#busy = true;
     try {
       const made = await inject(fault);
-      const { description, now } = store.get();
-      say({ tone: 'info', text: `${faultText(made, description)} ${made.start > now ? `armed for ${clock(made.start, 1)}` : 'injected'}.` });
+      // Whether it waits is the server's to say: the page's own time may be an epoch behind.
+      const how = made.state === 'armed' ? `armed for ${clock(made.start, 1)}` : 'injected';
+      say({ tone: 'info', text: `${faultText(made, store.get().description)} ${how}.` });
     } catch (refused) {
       if (!(refused instanceof Problem)) throw refused;
       for (const name of this.#fields.keys()) {
         const about = refused.about(name);
-        if (about) wrong.set(name, about);
+        if (about) wrong.set(name, sentenced(about));
       }
       this.#complain(wrong);
-      if (!wrong.size) say({ tone: 'error', text: refused.message });
+      if (!wrong.size) say({ tone: 'error', text: sentenced(refused.message) });
+    } finally {
+      this.#busy = false;
     }
   }
 

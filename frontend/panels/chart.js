@@ -1,7 +1,7 @@
 /** One chart: title, legend that reads out values and switches lines, the drawing, and the table behind it. */
 import { Panel, h, setText, svg } from '../dom.js';
 import { Drawing, haunted } from '../charts.js';
-import { number, readout, unitText } from '../format.js';
+import { number, places, readout, unitText } from '../format.js';
 import { forget, repaint } from '../scheduler.js';
 import { recording } from '../session.js';
 import { store } from '../store.js';
@@ -22,7 +22,8 @@ export function seen(panel, host, gone) {
     panel.visible = entry.isIntersecting;
     if (panel.visible) repaint([panel], true);
   });
-  sight.observe(host);
+  // Title and legend count: they are seen before the drawing is.
+  sight.observe(panel);
   const size = new ResizeObserver(() => repaint([panel], true));
   size.observe(host);
   panel.keep(() => {
@@ -39,6 +40,8 @@ export class ChartPanel extends Panel {
   #values = [];
   /** @type {HTMLElement | null} */
   #legend = null;
+  /** Greatest value told so far, which sets the decimals: they do not dance. */
+  #most = 0;
 
   /** @param {Chart} chart @param {SystemDescription} description @param {() => import('../charts.js').Frame} frame */
   constructor(chart, description, frame) {
@@ -73,26 +76,37 @@ export class ChartPanel extends Panel {
 
   paint() {
     this.drawing.draw(this.frame());
+    this.refresh();
+  }
+
+  /** Which lines there are, and their values: also of a chart that is out of sight, so that it is never of another run. */
+  refresh() {
     this.classList.toggle('blank', recording.length > 0 && !this.drawing.present().length);
     if (this.drawing.present().length !== this.#values.length) this.#drawLegend();
     else this.read();
   }
 
-  /** Writes the values under the cursor into the legend. */
+  /** Writes the values under the cursor into the legend: all of a chart with the same decimals, or the same digits. */
   read() {
     const { hover, cursor, now } = store.get();
     const time = hover ?? cursor ?? now;
-    const { levels } = this.chart;
-    for (const { node, trace } of this.#values) {
-      const value = recording.at(trace.signal, time) / (this.drawing.factors.get(trace.signal) ?? 1);
+    const { levels, scale } = this.chart;
+    const values = this.#values.map(({ trace }) => recording.at(trace.signal, time) / (this.drawing.factors.get(trace.signal) ?? 1));
+    const counts = this.chart.unit === '1' && values.every((v) => Number.isNaN(v) || Number.isInteger(v));
+    values.forEach((value, i) => {
+      if (this.#values[i].trace.role !== 'threshold' && Number.isFinite(value)) this.#most = Math.max(this.#most, Math.abs(value));
+    });
+    const decimals = scale === 'log' ? null : places(this.#most);
+    this.#values.forEach(({ node, trace }, i) => {
       const away = this.drawing.beyond.has(trace.signal) ? ' ↑' : '';
       if (!!away !== node.title.length > 0) node.title = away && 'so far away that it is not drawn';
-      setText(node, levels.length ? (levels[value] ?? '–') : this.chart.unit === '1' && Number.isInteger(value) ? number(value, 6) : readout(value) + away);
-    }
+      setText(node, levels.length ? (levels[values[i]] ?? '–') : counts ? number(values[i], 6) : readout(values[i], decimals) + away);
+    });
   }
 
   #drawLegend() {
     this.#values = [];
+    this.#most = 0;
     const [first] = haunted(this.chart.traces);
     const ghost = store.get().ghost && first ? [this.#ghostKey(this.drawing.style(first).color)] : [];
     this.#legend?.replaceChildren(...ghost, ...this.drawing.present().map((trace) => {

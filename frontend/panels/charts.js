@@ -62,7 +62,10 @@ export class ChartsPanel extends Panel {
       repaint(this.#charts, true);
     });
     this.watch((s) => s.experiment?.clock.state, (state) => repaint(this.#charts, state !== 'running'));
-    const redraw = () => repaint(this.#charts);
+    const redraw = () => {
+      repaint(this.#charts);
+      if (store.get().experiment?.clock.state !== 'running') for (const one of this.#lines) if (!one.visible) one.refresh();
+    };
     recorded.addEventListener('change', redraw);
     this.keep(() => recorded.removeEventListener('change', redraw));
     this.watch((s) => !!s.experiment, (arrived) => {

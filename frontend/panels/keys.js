@@ -11,7 +11,7 @@ const KEYS = [
   { keys: ['ArrowLeft'], what: 'look one epoch back (Shift: ten)', act: (e) => move(e.shiftKey ? -10 : -1) },
   { keys: ['[', ']'], what: 'rewind by one epoch, fly one epoch', act: (e) => (e.key === '[' ? back() : step()) },
   { keys: ['Home', 'End'], what: 'look at the start, back to live', act: (e) => look(e.key === 'Home' ? 0 : null) },
-  { keys: ['Escape'], what: 'back to live', act: () => look(null) },
+  { keys: ['Escape'], what: 'close what is open, then back to live', act: () => look(null) },
   { keys: ['+', '-'], what: 'faster, slower', act: (e) => faster(e.key === '-' ? -1 : 1) },
   { keys: ['f'], what: 'fault form', act: () => /** @type {(HTMLElement & {focusForm(): void}) | null} */ (document.querySelector('ft-bench'))?.focusForm() },
   { keys: ['c'], what: 'clear all faults', act: clearAll },
@@ -23,6 +23,7 @@ const KEYS = [
   { keys: ['l'], what: 'filter the log', act: () => /** @type {HTMLElement | null} */ (document.querySelector('ft-log input'))?.focus() },
   { keys: ['p'], what: 'parameters, for a new experiment', act: () => openDialog('ft-parameters') },
   { keys: ['o'], what: 'open a receiver log', act: () => openDialog('ft-receiver') },
+  { keys: ['v'], what: 'the scene at full size, and back', act: () => store.set(({ large }) => ({ large: !large })) },
   { keys: ['s'], what: 'copy a link that restores this run', act: shareLink },
   { keys: ['t'], what: 'dark or light', act: () => setTheme(store.get().theme === 'dark' ? 'light' : 'dark') },
   { keys: ['?'], what: 'these keys', act: () => openDialog('ft-keys') },
@@ -48,11 +49,32 @@ export class Keys extends Panel {
   }
 }
 
+/** Keys that may be held down. */
+const REPEATED = ['ArrowRight', 'ArrowLeft', '[', ']', '+', '-', '='];
+
+/** Closes what lies over the page, the uppermost first. @returns {boolean} whether something did */
+function shut() {
+  const menu = /** @type {HTMLElement | null} */ ([...document.querySelectorAll(':popover-open')].at(-1) ?? null);
+  if (menu) {
+    menu.hidePopover();
+    return true;
+  }
+  const { large, welcome, now } = store.get();
+  if (large) store.set({ large: false });
+  else if (welcome && now === 0) store.set({ welcome: false });
+  else return false;
+  return true;
+}
+
 /** @param {KeyboardEvent} event */
-function press(event) {
+export function press(event) {
   if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
   const target = event.target instanceof Element ? event.target : null;
-  if (document.querySelector('dialog[open]') || target?.closest('[popover]')) return;
+  if (document.querySelector('dialog[open]')) return;
+  if (event.key === 'Escape' && shut()) return event.preventDefault();
+  if (target?.closest('[popover]')) return;
+  // Held down, a key that looks or flies on repeats; one that does something does it once.
+  if (event.repeat && !REPEATED.includes(event.key)) return;
   if (target?.closest('input:not([type=checkbox]), select, textarea')) {
     if (event.key === 'Escape') /** @type {HTMLElement} */ (target).blur();
     return;

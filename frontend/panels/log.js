@@ -38,6 +38,8 @@ export class Log extends Panel {
         } }, SIGNS[key], h('span', { class: 'wordy' }, ` ${label}`));
         return button;
       }), this.count), this.list);
+    this.watch((s) => clock(s.experiment?.clock.duration ?? 0, Math.max(1, decimalsOf(period(s)))).length, (digits) =>
+      this.list?.style.setProperty('--time', `${digits + 1}ch`));
     this.watch((s) => [s.events, s.description], () => this.#draw());
   }
 

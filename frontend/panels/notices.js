@@ -4,10 +4,11 @@ import { happened } from '../session.js';
 import { clock } from '../format.js';
 import { reason, sentence } from '../marks.js';
 import { period, store } from '../store.js';
-import { branch, fly, openDialog, rewind, say } from '../actions.js';
+import { branch, fly, openDialog, rewind, run, say } from '../actions.js';
 /** @import {Event, Notice} from '../types' */
 
 const SHORT = 4200;
+const MOST = 4;
 const SPOKEN = ['fault.injected', 'fault.started', 'fault.cleared', 'fault.ended', 'subsystem.isolated', 'subsystem.readmitted'];
 
 export class Notices extends Panel {
@@ -27,10 +28,12 @@ export class Notices extends Panel {
       this.#tell('warning', 'Connection lost. The page keeps what it has and resumes by itself.');
     } else if (connection === 'gone') {
       this.#tell('error', 'This experiment is no longer on the server.',
-        ready && h('button', { onclick: () => fly(ready.id) }, 'Fly its scenario again'), h('button', { onclick: () => openDialog('ft-experiments') }, 'Other experiments'));
+        ready && h('button', { 'data-once': true, onclick: () => fly(ready.id) }, 'Fly its scenario again'), h('button', { onclick: () => openDialog('ft-experiments') }, 'Other experiments'));
     } else if (clockState?.state === 'failed') {
       this.#tell('error', `The experiment has failed: ${clockState.reason ?? 'the server does not say why'}.`,
-        h('button', { onclick: () => rewind(Math.max(0, store.get().now - Math.max(1, period()))) }, 'Rewind a little'), h('button', { onclick: () => branch(0) }, 'Start over in a branch'));
+        h('button', { onclick: () => rewind(Math.max(0, store.get().now - Math.max(1, period()))) }, 'Rewind a little'), h('button', { 'data-once': true, onclick: () => branch(0) }, 'Start over in a branch'));
+    } else if (clockState?.state === 'paused' && clockState.reason) {
+      this.#tell('warning', `Paused at ${clock(clockState.time, 1)}: ${clockState.reason}.`, h('button', { onclick: run }, 'Go on'));
     } else if (busy) this.#tell('info', busy);
     else this.replaceChildren();
   }
@@ -46,16 +49,20 @@ export class Notices extends Panel {
 function toast(notice) {
   const room = document.getElementById('toasts');
   if (!room) return;
-  const lasting = notice.tone === 'error' || notice.sticky;
-  const one = h('div', { class: `toast ${notice.tone}`, role: notice.tone === 'error' ? 'alert' : 'status' }, h('span', { class: notice.sticky ? 'selectable' : '' }, notice.text),
+  // What went wrong, or is not as asked for, stays until it has been read.
+  const lasting = notice.tone !== 'info' || notice.sticky;
+  const one = h('div', { class: `toast ${notice.tone}`, role: notice.tone === 'error' ? 'alert' : 'status' }, h('span', { class: notice.verbatim ? 'selectable' : '' }, notice.text),
     notice.action && h('button', { onclick: () => {
       notice.action?.run();
       one.remove();
     } }, notice.action.label),
     h('button', { class: 'mini', 'aria-label': 'Dismiss', onclick: () => one.remove() }, '×'));
   room.append(one);
-  while (room.children.length > 3) room.firstElementChild?.remove();
-  if (!lasting) setTimeout(() => one.remove(), SHORT);
+  if (!lasting) {
+    one.classList.add('passing');
+    setTimeout(() => one.remove(), SHORT);
+  }
+  while (room.children.length > MOST) (room.querySelector('.passing') ?? room.firstElementChild)?.remove();
   say(null);
 }
 

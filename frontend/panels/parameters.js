@@ -33,7 +33,7 @@ export class Parameters extends Panel {
     this.what = h('span', { class: 'dim' });
     const find = h('input', { type: 'search', class: 'find', placeholder: 'find', 'aria-label': 'Find a parameter', oninput: () => this.#form?.filter(find.value) });
     this.find = find;
-    const form = h('form', { novalidate: true, onsubmit: (/** @type {Event} */ event) => {
+    const form = h('form', { novalidate: true, 'data-once': true, onsubmit: (/** @type {Event} */ event) => {
       event.preventDefault();
       void attempt(() => this.#start());
     } },
@@ -70,7 +70,8 @@ export class Parameters extends Panel {
       this.#before = new Map(found.map((one) => [one.id, one]));
       this.#draw(found);
       this.dialog?.showModal();
-      if (found[0]?.field) this.#form.focus(found[0].field);
+      if (this.fields) this.fields.scrollTop = 0;
+      this.#run.focus('seed');
     });
   }
 

@@ -1,6 +1,7 @@
 /** A receiver's log of one's own: two files and where the antenna stood make an experiment. */
 import { Panel, freshId, h, setText } from '../dom.js';
 import { Problem, commands, read } from '../api.js';
+import { sentenced } from '../format.js';
 import { attempt, flyLog } from '../actions.js';
 import { curlButton } from './curl.js';
 
@@ -19,7 +20,7 @@ export class ReceiverLog extends Panel {
     this.button = h('button', { class: 'primary', type: 'submit' }, 'Open');
     this.said = h('span', { class: 'dim', role: 'status' });
     const file = () => h('input', { type: 'file' });
-    const form = h('form', { novalidate: true, onsubmit: (/** @type {Event} */ event) => {
+    const form = h('form', { novalidate: true, 'data-once': true, onsubmit: (/** @type {Event} */ event) => {
       event.preventDefault();
       void attempt(() => this.#open());
     } },
@@ -115,7 +116,7 @@ export class ReceiverLog extends Panel {
     }
     this.#fields.get(wrong[0]?.[0] ?? '')?.input.focus();
     if (this.error) {
-      setText(this.error, sentence(other));
+      setText(this.error, sentenced(other));
       this.error.hidden = !other;
     }
   }
@@ -124,7 +125,7 @@ export class ReceiverLog extends Panel {
   #complain(name, message, wrong) {
     const field = this.#fields.get(name);
     if (!field) return;
-    setText(field.error, sentence(message));
+    setText(field.error, sentenced(message));
     field.error.hidden = !message;
     if (wrong) field.input.setAttribute('aria-invalid', 'true');
     else field.input.removeAttribute('aria-invalid');
@@ -140,11 +141,6 @@ export class ReceiverLog extends Panel {
 /** @param {number} bytes */
 function megabytes(bytes) {
   return `${Number((bytes / 1e6).toPrecision(3))} MB`;
-}
-
-/** @param {string} text */
-function sentence(text) {
-  return text && `${text.charAt(0).toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? '' : '.'}`;
 }
 
 customElements.define('ft-receiver', ReceiverLog);

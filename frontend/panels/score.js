@@ -25,7 +25,7 @@ function tell(element, item) {
   setText(value, quantity(item.value, item.unit));
   const twin = item.compare_label ? `${item.compare_label} ${quantity(item.compare, item.unit)}` : '';
   setText(beside, [twin, item.note].filter(Boolean).join('; '));
-  element.title = `${item.label}: ${value.textContent}. ${beside.textContent}`;
+  element.title = [`${item.label}: ${value.textContent}. ${beside.textContent}`, item.detail].filter(Boolean).join('\n\n');
 }
 
 customElements.define('ft-score', ScoreStrip);

@@ -1,8 +1,8 @@
 /** Detector settings: the form the system declares, every change applied at once. */
 import { Panel, freshId, h, keyed } from '../dom.js';
 import { Problem, commands } from '../api.js';
-import { bounds, control, fieldLabel, resolved, show, valueOf } from '../schema.js';
-import { unitText } from '../format.js';
+import { bounds, control, fieldLabel, needed, resolved, show, valueOf } from '../schema.js';
+import { sentenced, unitText } from '../format.js';
 import { store } from '../store.js';
 import { configure, id, openDialog } from '../actions.js';
 import { curlButton } from './curl.js';
@@ -37,13 +37,13 @@ export class Setting extends Panel {
       error.hidden = !text;
       input.setAttribute('aria-invalid', String(!!text));
     };
-    if (value === undefined) return complain(`A number is needed here${bounds(schema) ? `: ${bounds(schema)}` : ''}.`);
+    if (value === undefined) return complain(`${needed(schema)}${input.value.trim() && `, not “${input.value}”`}.`);
     try {
       await configure({ [name]: value });
       return complain('');
     } catch (refused) {
       if (!(refused instanceof Problem)) throw refused;
-      return complain(refused.about(name) ?? refused.message);
+      return complain(sentenced(refused.about(name) ?? refused.message));
     }
   }
 }

@@ -38,7 +38,7 @@ export class Timeline extends Panel {
     const at = h('b', {});
     const live = h('button', { onclick: () => look(null), 'aria-label': 'Back to live', title: 'Back to live (Esc)' }, h('span', { class: 'wordy' }, 'Back to '), 'live');
     this.bar?.append(h('span', {}, 'Looking at ', at), h('button', { 'aria-label': 'Rewind to here', title: 'Forget what came later and go on from here (r)', onclick: () => this.#at(rewind) }, 'Rewind', h('span', { class: 'wordy' }, ' to here')),
-      h('button', { 'aria-label': 'Branch from here', title: 'Keep this run, and go on from here in a copy (b)', onclick: () => this.#at(branch) }, 'Branch', h('span', { class: 'wordy' }, ' from here')), live);
+      h('button', { 'data-once': true, 'aria-label': 'Branch from here', title: 'Keep this run, and go on from here in a copy (b)', onclick: () => this.#at(branch) }, 'Branch', h('span', { class: 'wordy' }, ' from here')), live);
     this.watch((s) => s.cursor, (cursor) => {
       if (!this.bar) return;
       this.bar.hidden = cursor === null;

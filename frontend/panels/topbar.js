@@ -1,6 +1,7 @@
 /** The top bar: what flies, the clock, branches, and what can be taken away. */
 import { Panel, fill, h, setText } from '../dom.js';
 import { clock, decimalsOf, words } from '../format.js';
+import { told } from '../pace.js';
 import { SPEEDS } from '../session.js';
 import { period, store } from '../store.js';
 import { back, branch, fly, open, openDialog, setSpeed, setTheme, shareLink, step, toggle } from '../actions.js';
@@ -15,7 +16,7 @@ export class TopBar extends Panel {
     this.append(
       h('b', { class: 'brand' }, 'FTLab'), this.#scenarios(), this.#branches(), h('span', { class: 'space' }),
       this.#clock(), h('span', { class: 'space' }),
-      h('button', { class: 'branch', 'aria-label': 'Branch from here', title: 'Go on from this moment in a copy; this run stays as it is (b)', onclick: () => branch(store.get().cursor ?? store.get().now) }, 'Branch', h('span', { class: 'wordy' }, ' from here')),
+      h('button', { class: 'branch', 'data-once': true, 'aria-label': 'Branch from here', title: 'Go on from this moment in a copy; this run stays as it is (b)', onclick: () => branch(store.get().cursor ?? store.get().now) }, 'Branch', h('span', { class: 'wordy' }, ' from here')),
       h('button', { class: 'ghost', title: 'Copy a link that restores this run (s)', onclick: shareLink }, 'Share'),
       exportMenu(), this.#theme(),
       h('button', { class: 'ghost', title: 'What the page asks of the server, as curl', onclick: () => openDialog('ft-rest') }, 'REST'),
@@ -69,9 +70,11 @@ export class TopBar extends Panel {
       ...SPEEDS.map((s) => h('option', { value: s }, `${s}x`)), h('option', { value: 'max' }, 'max'));
     const time = h('span', { class: 'time' });
     const of = h('span', { class: 'of' });
+    const flying = h('span', { class: 'flying', title: 'The machine does not hold the speed that was asked for, or none was: this is what it flies' });
+    this.watch((s) => told(s.experiment?.clock.speed, s.rate), (text) => setText(flying, text));
     this.watch((s) => [s.experiment?.clock.state, s.experiment?.id], () => {
       const state = store.get().experiment?.clock.state;
-      play.textContent = state === 'running' ? 'Pause' : state === 'finished' ? 'Run again' : 'Run';
+      play.textContent = state === 'running' || state === 'advancing' ? 'Pause' : state === 'finished' ? 'Run again' : 'Run';
       play.title = state === 'finished' ? 'Back to the start, and fly again (space)' : 'Run or pause (space)';
       play.disabled = !state || state === 'failed';
     });
@@ -88,7 +91,7 @@ export class TopBar extends Panel {
     return h('div', { class: 'clock', role: 'group', 'aria-label': 'Clock' },
       h('button', { 'aria-label': 'Back one epoch', title: 'Rewind by one epoch ( [ )', onclick: back }, '|‹'), play,
       h('button', { 'aria-label': 'Forward one epoch', title: 'Forward one epoch ( ] )', onclick: step }, '›|'), speed,
-      h('span', { class: 'times' }, time, ' ', of));
+      h('span', { class: 'times' }, h('span', {}, time, ' ', of), flying));
   }
 
   #theme() {

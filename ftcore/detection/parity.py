@@ -36,6 +36,7 @@ from ftcore.detection.parity_space import (
     calibrate,
     fault_angles,
     fault_sizes,
+    momentary,
     parity_vector,
     uncalibrated,
 )
@@ -57,6 +58,7 @@ __all__ = [
     "fault_sizes",
     "glt_test",
     "look",
+    "momentary",
     "optimal_parity_test",
     "parity_test",
     "parity_vector",
@@ -95,7 +97,7 @@ class Sight:
     @cached_property
     def outside(self) -> Array:
         """The part of FD that a fault of each instrument does not explain, (runs, count)."""
-        rest = np.matvec(self.reference.outside[self.without], self.whitened[:, None])
+        rest = np.matvec(self.reference.outside_of(self.without), self.whitened[:, None])
         return np.asarray(np.vecdot(rest, rest))
 
     @cached_property
@@ -129,7 +131,7 @@ def look(reference: Reference, readings: Array, p_fa: float, used: Mask | None =
         used = np.broadcast_to(used, (runs, count))
         readings = np.where(used[:, reference.cluster.instrument], readings, 0.0)
     p = parity_vector(reference, readings)
-    whitened = np.matvec(reference.outside[out], np.matvec(reference.whitener, p))
+    whitened = np.matvec(reference.outside_of(out), np.matvec(reference.whitener, p))
     p = np.matvec(reference.plain_outside[out], p)
     FD = np.asarray(np.vecdot(whitened, whitened))
     dof, limit, alarm = decide(FD, reference.dof[out], p_fa)
@@ -164,7 +166,7 @@ def by_likelihood(sight: Sight) -> Isolation:
     """Isolate by the generalised likelihood test; see `glt_test`."""
     reference = sight.reference
     owner, count = reference.cluster.instrument, reference.cluster.count
-    sensitivity = reference.sensitivity[sight.out]
+    sensitivity = reference.sensitivity_without(sight.out)
     felt = sensitivity > 0.0
     along = np.matvec(reference.whitened_axes, sight.whitened)
     along = np.divide(along, sensitivity, out=np.zeros_like(along), where=felt)

@@ -5,12 +5,13 @@ A fault of one instrument moves p within the span of the columns of V that belon
 
 A `Reference` holds the covariance C of p for a healthy cluster, and projections out of the planes of every choice of
 instruments. C must hold all that differs between healthy axes: noise, and either the repeatability of their biases or,
-after a calibration, what is left of it. Without that a healthy instrument alarms forever.
+after a calibration, what is left of it. Without that a healthy instrument alarms forever. Where what is left depends on
+the motion (scale factors), mean and covariance are those of the moment: `momentary`.
 
 Shapes lead with runs: readings (runs, axes), used (runs, count). Source: H.S. Kim et al. (2005), (29)-(30) and 4.1.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,9 +25,11 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """A cluster's parity space, with what a healthy cluster shows in it. Made by `uncalibrated` or `calibrate`.
+    """A cluster's parity space, with what a healthy cluster shows in it. Made by `uncalibrated`, `calibrate` or
+    `momentary`.
 
-    Tables run over all sets of instruments left out, 2^count of them: bit k of the index is instrument k.
+    Tables run over all sets of instruments left out, 2^count of them: bit k of the index is instrument k. After
+    `momentary` whatever depends on C has a leading axis of runs.
     """
 
     cluster: Cluster
@@ -46,6 +49,14 @@ class Reference:
     """Dimensions that are left, (2^count,)."""
     sensitivity: Array
     """Standard deviations by which a fault of one unit moves what is left of p, for every axis, (2^count, axes)."""
+
+    def outside_of(self, out: Ints) -> Array:
+        """Projections out of the planes of the sets `out` (runs or 1, ...), (runs or 1, ..., r, r)."""
+        return _entries(self.outside, out, self.outside.ndim == 4)
+
+    def sensitivity_without(self, out: Ints) -> Array:
+        """Sensitivities with the sets `out` (runs or 1, ...) left out, (runs or 1, ..., axes)."""
+        return _entries(self.sensitivity, out, self.sensitivity.ndim == 3)
 
 
 def uncalibrated(cluster: Cluster, noise: ArrayLike, repeatability: ArrayLike) -> Reference:
@@ -79,6 +90,29 @@ def calibrate(
     return _reference(cluster, np.matvec(cluster.V, readings.mean(axis=1)), variance)
 
 
+def momentary(reference: Reference, bias: Array, covariance: Array) -> Reference:
+    """The same cluster where mean and covariance of p differ from run to run, and from one moment to the next.
+
+    `bias` (runs, r) and `covariance` (runs, r, r) of a healthy cluster's p at this moment. Raises LinAlgError for a
+    covariance that is not positive definite.
+    """
+    cluster = reference.cluster
+    whitener = triangular_inverse(cholesky(covariance))
+    axes = np.ascontiguousarray((whitener @ cluster.V).swapaxes(-1, -2))
+    outside, _ = _outside(cluster, axes)
+    sensitivity = np.linalg.norm(axes[:, None] @ outside, axis=-1)
+    sensitivity = np.where(reference.sensitivity > 0.0, sensitivity, 0.0)
+    return replace(
+        reference,
+        bias=bias,
+        covariance=covariance,
+        whitener=whitener,
+        whitened_axes=axes,
+        outside=outside,
+        sensitivity=sensitivity,
+    )
+
+
 def parity_vector(reference: Reference, readings: Array) -> Array:
     """p = V m less its calibrated bias, (runs, r), of readings (runs, axes). Source: (30)."""
     return np.asarray(np.matvec(reference.cluster.V, readings) - reference.bias)
@@ -101,7 +135,7 @@ def fault_sizes(reference: Reference, p: Array) -> Array:
     square of that is DF_j.
     """
     along = np.matvec(reference.whitened_axes, np.matvec(reference.whitener, p))
-    return np.asarray(along / np.square(reference.sensitivity[0]))
+    return np.asarray(along / np.square(reference.sensitivity_without(np.zeros(1, dtype=np.int64))))
 
 
 def angles_outside(reference: Reference, p: Array, without: Ints) -> Array:
@@ -141,13 +175,23 @@ def _reference(cluster: Cluster, bias: Array, variance: Array) -> Reference:
 
 
 def _outside(cluster: Cluster, axes: Array) -> tuple[Array, Ints]:
-    """Projections out of the span of the rows of `axes` (axes, r) of every set of instruments, and what is left."""
+    """Projections out of the span of the rows of `axes` (..., axes, r) of every set of instruments, (..., 2^count, r,
+    r), and the dimensions that are left, (..., 2^count)."""
     sets = np.arange(2**cluster.count)[:, None] >> np.arange(cluster.count) & 1
-    rows = axes * sets[:, cluster.instrument, None]
+    rows = axes[..., None, :, :] * sets[:, cluster.instrument, None]
     _, size, basis = np.linalg.svd(rows, full_matrices=False)
-    spanned = size > _NOTHING * np.abs(axes).max()
+    spanned = size > _NOTHING * np.abs(axes).max(axis=(-1, -2))[..., None, None]
     basis = basis * spanned[..., None]
-    return np.eye(axes.shape[1]) - basis.swapaxes(-1, -2) @ basis, np.asarray(axes.shape[1] - spanned.sum(axis=-1))
+    r = axes.shape[-1]
+    return np.eye(r) - basis.swapaxes(-1, -2) @ basis, np.asarray(r - spanned.sum(axis=-1))
+
+
+def _entries(table: Array, index: Ints, of_runs: bool) -> Array:
+    """Entries of a table over sets, which each run has its own of, or all have in common."""
+    if not of_runs:
+        return np.asarray(table[index])
+    rows = np.arange(len(table)).reshape(-1, *[1] * (index.ndim - 1))
+    return np.asarray(table[rows, index])
 
 
 def _variance(cluster: Cluster, sigma: ArrayLike, what: str) -> Array:

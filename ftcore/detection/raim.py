@@ -3,8 +3,8 @@
 Every test of consistency here is one quadratic form, q = y' A y, chi-square on ``dof`` while nothing has failed, of
 measurements y made unit by their sigma:
 
-    snapshot     A = S, the projector of weighted least squares (003 (10)-(12)): dof n - 4
-    innovation   A = V^-1, V the covariance of a Kalman filter's innovations (003, section 3): dof n
+    snapshot     A = S, the projector of weighted least squares (Chey 2004 (10)-(12)): dof n - 4
+    innovation   A = V^-1, V the covariance of a Kalman filter's innovations (Chey 2004, section 3): dof n
 
 and z = A y is all that isolation needs. Without measurement i the form is q - w_i^2 with w_i = z_i / sqrt(A_ii), the
 residual of i against all others, standard normal while nothing has failed; A and z without i follow by a rank-one

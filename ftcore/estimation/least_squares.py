@@ -1,7 +1,7 @@
 """Weighted least squares on pseudoranges: a position and a clock from one epoch, for many runs at once.
 
 Unknowns are the offset from a *working point* (east, north, up) and the receiver clock, all in metres: y = H x + e,
-rows H = (-e_n, 1), where e_n is the unit vector from the receiver to the satellite (003 (1)). Shapes lead with
+rows H = (-e_n, 1), where e_n is the unit vector from the receiver to the satellite (Chey 2004 (1)). Shapes lead with
 ``(runs,)``; n satellites, of which those not ``valid`` drop out exactly as if they had been deleted.
 
 A working point that is D metres off costs D^2 / 2 rho of range, 2 um at 10 m and 25 mm at 1 km, so a solution is
@@ -25,8 +25,6 @@ UNKNOWNS = 4
 """East, north, up, clock."""
 _SINGULAR = 1e-9
 """A normal matrix of unit diagonal with a smaller determinant has no solution worth the name (a DOP of thousands)."""
-_NEAREST, _FARTHEST = 6.3e6, 6.5e6
-"""Distance from the Earth's centre that a cold start may end at [m]; a gross fault ends elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,32 +127,6 @@ def solve(H: Array, y: Array, sigma: Array, valid: Mask) -> Fix:
         valid=np.asarray(valid & solved[..., None]),
         solved=solved,
     )
-
-
-def cold_start(pseudorange: Array, satellites_e: Array, valid: Mask, iterations: int = 9) -> tuple[Array, Mask]:
-    """Position from nothing: Gauss-Newton from the centre of the Earth, all satellites with equal weight.
-
-    Args:
-        pseudorange: (runs, n), satellite clocks taken out [m].
-        satellites_e: (n, 3) [m].
-        valid: (runs, n).
-
-    Returns:
-        Position (runs, 3) Earth-fixed [m], and where it is one: enough satellites, and an answer near the ground.
-    """
-    runs = len(pseudorange)
-    position, frame = np.zeros((runs, 3)), np.broadcast_to(np.eye(3), (runs, 3, 3))
-    fix = None
-    for _ in range(iterations):
-        seen = geometry(position, frame, satellites_e)
-        fix = solve(seen.H, pseudorange - seen.range, np.ones(1), valid)
-        # A gross fault would send the search to where squares overflow; nobody on Earth is that far.
-        step = np.clip(np.where(fix.solved[:, None], fix.x[:, :3], 0.0), -1e8, 1e8)
-        position = np.clip(position + step, -1e8, 1e8)
-    assert fix is not None
-    radius = np.sqrt(np.vecdot(position, position))
-    near = np.abs(fix.x[:, :3]).max(axis=-1) < 1.0
-    return position, np.asarray(fix.solved & near & (radius > _NEAREST) & (radius < _FARTHEST))
 
 
 def elevation(unit_n: Array) -> Array:

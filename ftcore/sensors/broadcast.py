@@ -25,26 +25,32 @@ RELATIVITY: Final = -4.442807633e-10
 """F of the relativistic clock correction [s/sqrt(m)]."""
 FIT: Final = 7200.0
 """How far from its time of ephemeris a set may be used [s]."""
+NEAREST, FARTHEST = 1.4e7, 4.5e7
+"""Distances from the Earth's centre [m] between which a GPS satellite can be at all; others are no orbit of one."""
+WEEK: Final = 604800.0
+"""Seconds of a week."""
 
 FIELDS: Final = (
     *("SVclockBias", "SVclockDrift", "SVclockDriftRate", "sqrtA", "Eccentricity", "M0", "DeltaN", "omega", "Omega0"),
     *("OmegaDot", "Io", "IDOT", "Cuc", "Cus", "Crc", "Crs", "Cic", "Cis", "Toe", "TGD", "health"),
 )
-"""What is needed of a navigation message, by the names georinex gives."""
+"""What is needed of a navigation message."""
 
 
 @dataclass(frozen=True)
 class Ephemerides:
     """Sets of broadcast parameters, one an index.
 
-    ``prn`` (k,) satellite numbers; ``toc``, ``toe`` (k,) reference times of clock and orbit, continuous scale [s];
-    ``week_second`` (k,) the same toe in seconds of its week, which the orbit's node is counted from; ``values``: the
-    fields of :data:`FIELDS`, each (k,), SI and radians; ``ionosphere`` (8,) Klobuchar's coefficients, or None.
+    ``prn`` (k,) satellite numbers; ``toc``, ``toe`` (k,) reference times of clock and orbit, ``sent`` (k,) when the
+    satellite transmitted the set as far as the file knows, all on the continuous scale [s]; ``week_second`` (k,) the
+    same toe in seconds of its week, which the orbit's node is counted from; ``values``: the fields of :data:`FIELDS`,
+    each (k,), SI and radians; ``ionosphere`` (8,) Klobuchar's coefficients, or None.
     """
 
     prn: NDArray[np.int64]
     toc: Array
     toe: Array
+    sent: Array
     week_second: Array
     values: Mapping[str, Array]
     ionosphere: Array | None
@@ -53,15 +59,26 @@ class Ephemerides:
         """How many sets."""
         return len(self.prn)
 
-    def nearest(self, prn: int, time: Array) -> NDArray[np.int64]:
-        """Index of the healthy set of a satellite nearest to each time (...), -1 where none is within :data:`FIT`."""
-        own = np.flatnonzero((self.prn == prn) & (self.values["health"] == 0.0))
+    def valid(self, prn: int, time: Array) -> NDArray[np.int64]:
+        """Index of the set that a satellite's users go by at each time (...), -1 where there is none.
+
+        That is the newest one transmitted by then, as a receiver would have it; what it says of the satellite's health
+        rules, whatever an older one said. Where the file knows none, as at its beginning, it is the set with the
+        nearest time of ephemeris. No set is used further than :data:`FIT` from its time of ephemeris, nor where it
+        says that the satellite is not healthy.
+        """
+        own = np.flatnonzero(self.prn == prn)
         if not len(own):
             return np.full(time.shape, -1, dtype=np.int64)
-        age = np.abs(time[..., None] - self.toe[own])
-        best = age.argmin(axis=-1)
-        found = np.take_along_axis(age, best[..., None], axis=-1)[..., 0] <= FIT
-        return np.where(found, own[best], -1)
+        own = own[np.argsort(self.sent[own], kind="stable")]
+        newest = np.searchsorted(self.sent[own], time, side="right") - 1
+        known = newest >= 0
+        newest = own[np.maximum(newest, 0)]
+        fits = known & (np.abs(time - self.toe[newest]) <= FIT)
+        nearest = own[np.abs(time[..., None] - self.toe[own]).argmin(axis=-1)]
+        chosen = np.where(fits, newest, nearest)
+        usable = (np.abs(time - self.toe[chosen]) <= FIT) & (self.values["health"][chosen] == 0.0)
+        return np.where(usable, chosen, -1)
 
 
 def states(e: Ephemerides, index: NDArray[np.int64], sent: Array) -> tuple[Array, Array]:
@@ -106,7 +123,8 @@ def states(e: Ephemerides, index: NDArray[np.int64], sent: Array) -> tuple[Array
 
 
 def satellites(e: Ephemerides, time: Array, pseudorange: Array) -> tuple[Array, Array]:
-    """All satellites of a log: position (epochs, s, 3) [m] and clock error in metres (epochs, s); NaN where unknown.
+    """All satellites of a log: position (epochs, s, 3) [m] and clock error in metres (epochs, s); NaN where unknown,
+    or where the parameters put it where no GPS satellite can be.
 
     Args:
         time: (epochs,) the receiver's time tags [s].
@@ -116,10 +134,14 @@ def satellites(e: Ephemerides, time: Array, pseudorange: Array) -> tuple[Array, 
     position = np.full((*pseudorange.shape, 3), np.nan)
     clock = np.full(pseudorange.shape, np.nan)
     for s in range(pseudorange.shape[1]):
-        index = e.nearest(s + 1, time)
+        index = e.valid(s + 1, time)
         known = np.flatnonzero((index >= 0) & np.isfinite(pseudorange[:, s]))
         if len(known):
             sent = time[known] - pseudorange[known, s] / earth.SPEED_OF_LIGHT
-            position[known, s], seconds = states(e, index[known], sent)
-            clock[known, s] = seconds * earth.SPEED_OF_LIGHT
+            with np.errstate(all="ignore"):  # parameters may be any numbers; what comes of them is judged here
+                where, seconds = states(e, index[known], sent)
+                radius = np.sqrt(np.vecdot(where, where))
+            real = (radius > NEAREST) & (radius < FARTHEST) & (np.abs(seconds) < 1.0)
+            position[known[real], s] = where[real]
+            clock[known[real], s] = seconds[real] * earth.SPEED_OF_LIGHT
     return position, clock

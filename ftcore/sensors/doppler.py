@@ -23,7 +23,7 @@ def sense(
 ) -> Group:
     """One epoch of body velocity.
 
-    The drift angle turns the velocity about the local vertical (000 eq (62), as resolved: y2 = dv - d_k v - d_Delta
+    The drift angle turns the velocity about the local vertical (Zhang 1992 (62), as resolved: y2 = dv - d_k v - d_Delta
     (up x v) after rotation to level); the scale factor stretches it.
 
     Args:

@@ -16,7 +16,7 @@ def sense(sensor: str, enu: Array, sigma: Array, noise: NoiseSource, epoch: int,
 
     Args:
         enu: ``(1 or runs, 3)`` true east, north, up [m] about the datum.
-        sigma: ``(3,)`` 1-sigma of the white noise [m]; 002, Table 2.
+        sigma: ``(3,)`` 1-sigma of the white noise [m]; Yang 2016, Table 2.
 
     Returns:
         Group ``(runs, 3)`` [m].

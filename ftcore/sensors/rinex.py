@@ -1,38 +1,39 @@
-"""Logs of real receivers: RINEX 2 and 3 observation and navigation files.
+"""Logs of real receivers: RINEX 2 and 3 observation and navigation files, plain or packed.
 
-:mod:`ftcore.sensors.rinex_text` checks that a file is whole and keeps the GPS records; georinex reads the numbers from
-what it kept. Every file that cannot be read is refused by one sentence, :class:`LogError`.
+Every file that cannot be read is refused by one sentence, :class:`LogError`; what a person has to know of a file that
+is read, such as another code than the civil one, stands in the log's notes.
 """
 
 from __future__ import annotations
 
-import io
-import warnings
+from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftcore import earth
-from ftcore.sensors import broadcast, rinex_text
-from ftcore.sensors.broadcast import Ephemerides
-from ftcore.sensors.rinex_text import NAVIGATION, OBSERVATION, LogError, Observations, refusal
+from ftcore.sensors import broadcast, rinex_navigation, rinex_observation
+from ftcore.sensors.broadcast import WEEK
+from ftcore.sensors.rinex_observation import PRNS, Observations
+from ftcore.sensors.rinex_text import NAVIGATION, OBSERVATION, LogError, date, refusal
+from ftcore.sensors.rinex_unpack import unpack
 
 Array = NDArray[np.float64]
 
 __all__ = ["LogError", "ObservationLog", "parse", "read", "restrict"]
 
-PRNS: Final = 32
-MAX_OBSERVATION_BYTES: Final = 20_000_000
-MAX_NAVIGATION_BYTES: Final = 5_000_000
-MAX_EPOCHS: Final = 3600
-_BLOCK: Final = 40
-"""Epochs that georinex is given at a time: its RINEX 3 reader takes a time that grows with the square."""
-_GPS_EPOCH: Final = np.datetime64("1980-01-06T00:00:00", "ns")
-_WEEK: Final = 604800.0
+MAX_OBSERVATION_BYTES: Final = 64_000_000
+"""Of a file, and of what comes out of a packed one: a day of 30 s with all systems and signals has 30 to 40 MB."""
+MAX_NAVIGATION_BYTES: Final = 20_000_000
+"""The same of navigation files: a day of all systems and the whole world has 8 to 12 MB."""
+MAX_EPOCHS: Final = 8640
+"""A day at an epoch every ten seconds."""
+LONGEST: Final = 108_000.0
+"""Longest log [s], thirty hours."""
 _MILLISECOND: Final = 1e-3 * earth.SPEED_OF_LIGHT
 
 _folder: Path | None = None
@@ -52,6 +53,7 @@ class ObservationLog:
         clock: (epochs, 32) the satellite clock's error, with relativity and group delay [m].
         ionosphere: (8,) Klobuchar's coefficients, or None if the navigation file has none.
         approximate: (3,) position from the header, Earth-fixed [m], or None.
+        notes: what a person has to know of the reading, a sentence each.
     """
 
     start: str
@@ -62,6 +64,7 @@ class ObservationLog:
     clock: Array
     ionosphere: Array | None
     approximate: Array | None
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Epochs."""
@@ -98,28 +101,30 @@ def read(observation: str, navigation: str) -> ObservationLog:
 
 
 def parse(observation: bytes, navigation: bytes) -> ObservationLog:
-    """The log of two files' contents. Raises LogError."""
-    observed = rinex_text.observations(rinex_text.decode(observation, OBSERVATION), MAX_EPOCHS)
-    ephemerides = _ephemerides(rinex_text.navigation(rinex_text.decode(navigation, NAVIGATION)))
-    stamps, pseudorange = _pseudoranges(observed)
-    seconds, interval, pseudorange, week = _grid(stamps, pseudorange, observed.interval)
+    """The log of two files' contents, plain or packed. Raises LogError."""
+    observed = rinex_observation.read(unpack(observation, OBSERVATION, MAX_OBSERVATION_BYTES), MAX_EPOCHS)
+    broadcasted = rinex_navigation.read(unpack(navigation, NAVIGATION, MAX_NAVIGATION_BYTES))
+    ephemerides = broadcasted.ephemerides
+    stamps, pseudorange, doubled = _merged(observed)
+    seconds, interval, pseudorange, between = _grid(stamps, pseudorange, observed.interval)
     position, clock = broadcast.satellites(ephemerides, seconds, pseudorange)
     located = np.isfinite(position[..., 0])
-    if (located.sum(axis=1) >= 4).sum() == 0:
+    if not (located.sum(axis=1) >= 4).any():
         raise LogError(
-            f"the two files do not belong together: the observations begin at {_text(seconds[0])} and end at "
-            f"{_text(seconds[-1])}, the ephemerides are of {_text(ephemerides.toe.min())} to "
-            f"{_text(ephemerides.toe.max())}"
+            f"the two files do not belong together: the observations begin at {date(seconds[0])} and end at "
+            f"{date(seconds[-1])}, the ephemerides are of {date(ephemerides.toe.min())} to "
+            f"{date(ephemerides.toe.max())}"
         )
     log = ObservationLog(
-        start=_text(seconds[0]),
+        start=date(seconds[0]),
         interval=interval,
-        week_seconds=seconds - week * _WEEK,
+        week_seconds=seconds - float(np.floor(seconds[0] / WEEK)) * WEEK,
         pseudorange=_steady(seconds, np.where(located, pseudorange, np.nan)),
         satellites=position,
         clock=clock,
         ionosphere=ephemerides.ionosphere,
         approximate=observed.position,
+        notes=_few([*observed.notes, *doubled, *between, *broadcasted.notes, *_unlocated(located, pseudorange)]),
     )
     for array in (log.week_seconds, log.pseudorange, log.satellites, log.clock):
         array.setflags(write=False)
@@ -152,61 +157,81 @@ def _read(observation: tuple[str, int, int], navigation: tuple[str, int, int]) -
     return parse(*contents)
 
 
-def _georinex() -> Any:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            import georinex
-    except ImportError:
-        raise LogError(
-            "reading a receiver's log needs the package georinex, which is not installed: install ftlab[rinex]"
-        ) from None
-    return georinex
+def _merged(observed: Observations) -> tuple[Array, Array, list[str]]:
+    """Epochs in the order of time, each once; of a satellite that an epoch has twice the first in the file."""
+    order = np.argsort(observed.stamps, kind="stable")
+    stamps, ranges = observed.stamps[order], observed.pseudorange[order]
+    notes = []
+    if (np.diff(observed.stamps) < -1e-3).any():
+        back = int(observed.lines[1:][(np.diff(observed.stamps) < -1e-3).argmax()])
+        notes.append(f"the epochs are not in the order of time, at line {back} for one; they are sorted")
+    again = np.diff(stamps, prepend=-np.inf) <= 1e-3
+    if again.any():
+        kept = np.flatnonzero(~again)
+        owner = np.cumsum(~again) - 1
+        result = ranges[kept].copy()
+        for row in np.flatnonzero(again).tolist():
+            own = result[owner[row]]
+            own[np.isnan(own)] = ranges[row][np.isnan(own)]
+        where = int(order[again.argmax()])
+        notes.append(
+            f"{again.sum()} epoch{'s are' if again.sum() > 1 else ' is'} twice in the file, that of "
+            f"{date(observed.stamps[where])} at line {observed.lines[where]} for one; what is there first is taken"
+        )
+        stamps, ranges = stamps[kept], result
+    return stamps, ranges, notes
 
 
-def _load(text: str, what: str) -> Any:
-    """georinex on a text that was checked. What it still cannot read is a fault of the file."""
-    georinex = _georinex()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return georinex.load(io.StringIO(text), use={"G"})
-    except Exception as error:  # whatever a reader of a foreign format may raise is one thing here: unreadable
-        raise refusal(what, f"cannot be read: it is corrupt ({type(error).__name__})") from None
-
-
-def _pseudoranges(observed: Observations) -> tuple[Array, Array]:
-    """Times (epochs,) on the GPS scale [s] and pseudoranges (epochs, 32)."""
-    stamps, rows = [], []
-    for first in range(0, len(observed.epochs), _BLOCK):
-        data = _load(observed.header + "".join(observed.epochs[first : first + _BLOCK]), OBSERVATION)
-        values = np.full((data.time.size, PRNS), np.nan)
-        columns = [int(str(name)[1:]) - 1 for name in data.sv.values]
-        kept = [i for i, column in enumerate(columns) if 0 <= column < PRNS]
-        values[:, [columns[i] for i in kept]] = data[observed.code].values[:, kept]
-        stamps.append(_seconds(data.time.values))
-        rows.append(values)
-    pseudorange = np.concatenate(rows)
-    # A receiver that has lost a satellite may log a zero.
-    return np.concatenate(stamps), np.where(pseudorange > 1e6, pseudorange, np.nan)
-
-
-def _grid(stamps: Array, pseudorange: Array, nominal: float | None) -> tuple[Array, float, Array, float]:
-    """Times on an even grid, the interval, pseudoranges there, and the GPS week of the first epoch."""
-    order = np.argsort(stamps, kind="stable")
-    stamps, pseudorange = stamps[order], pseudorange[order]
+def _grid(stamps: Array, pseudorange: Array, nominal: float | None) -> tuple[Array, float, Array, list[str]]:
+    """Times on an even grid, the interval, pseudoranges there, and what that leaves out."""
     steps = np.diff(stamps)
-    steps = steps[steps > 1e-3]
-    interval = round(float(np.median(steps)), 2) if len(steps) else float(nominal or 1.0)
+    given = nominal if nominal is not None and 0.01 <= nominal <= 86400.0 else 1.0
+    interval = round(float(np.median(steps)), 2) if len(steps) else given
     if interval < 0.01:
         raise refusal(OBSERVATION, "has more than 100 epochs a second")
     place = np.round((stamps - stamps[0]) / interval).astype(np.int64)
     if place[-1] >= MAX_EPOCHS:
         raise refusal(OBSERVATION, f"spans {place[-1] + 1} epochs of {interval:g} s; at most {MAX_EPOCHS} are read")
+    if (place[-1] + 1) * interval > LONGEST:
+        spanned = (place[-1] + 1) * interval / 3600.0
+        raise refusal(OBSERVATION, f"spans {spanned:.1f} hours; at most {LONGEST / 3600.0:.0f} are read")
+    first = np.concatenate([[True], np.diff(place) > 0])
+    notes = []
+    if not first.all():
+        notes.append(
+            f"{np.count_nonzero(~first)} of {len(first)} epochs lie between those of a {interval:g} s grid and are left"
+            f" out, that of {date(stamps[first.argmin()])} for one"
+        )
     seconds = stamps[0] + interval * np.arange(place[-1] + 1.0)
     grid = np.full((len(seconds), PRNS), np.nan)
-    seconds[place], grid[place] = stamps, pseudorange
-    return seconds, interval, grid, float(np.floor(stamps[0] / _WEEK))
+    seconds[place[first]], grid[place[first]] = stamps[first], pseudorange[first]
+    return seconds, interval, grid, notes
+
+
+def _unlocated(located: NDArray[np.bool_], pseudorange: Array) -> list[str]:
+    """Satellites that are heard and have no usable ephemeris."""
+    lost = (np.isfinite(pseudorange) & ~located).sum(axis=0)
+    if not lost.any():
+        return []
+    heard = np.isfinite(pseudorange).sum(axis=0)
+    worst = [f"G{s + 1:02d} in {lost[s]} of {heard[s]} epochs" for s in np.argsort(-lost, kind="stable") if lost[s]]
+    more = f" and {len(worst) - 6} more" if len(worst) > 6 else ""
+    return [f"no healthy and possible ephemeris of these hours, so not used: {', '.join(worst[:6])}{more}"]
+
+
+def _few(notes: list[str]) -> tuple[str, ...]:
+    """Notes of one kind by one example, and how many there are."""
+    kinds = Counter(_kind(note) for note in notes)
+    told: dict[str, str] = {}
+    for note in notes:
+        more = kinds[_kind(note)] - 1
+        told.setdefault(_kind(note), note + (f" (and {more} more like this)" if more else ""))
+    return tuple(told.values())
+
+
+def _kind(note: str) -> str:
+    """A note without its numbers."""
+    return "".join(c for c in note if not c.isdigit())
 
 
 def _steady(time: Array, pseudorange: Array) -> Array:
@@ -222,42 +247,3 @@ def _steady(time: Array, pseudorange: Array) -> Array:
     if near.any():
         steps[rows[1:][near]] = np.rint(np.nanmedian(change[near], axis=1) / _MILLISECOND)
     return np.asarray(pseudorange - _MILLISECOND * np.cumsum(steps)[:, None])
-
-
-def _ephemerides(text: str) -> Ephemerides:
-    data = _load(text, NAVIGATION)
-    missing = [name for name in broadcast.FIELDS if name not in data]
-    if missing:
-        raise refusal(NAVIGATION, f"cannot be read: it lacks {missing[0]}")
-    fields = np.stack([np.asarray(data[name].values, dtype=np.float64) for name in broadcast.FIELDS])
-    epoch, column = np.nonzero(np.isfinite(fields).any(axis=0))
-    if not len(epoch):
-        raise refusal(NAVIGATION, "holds no ephemeris of a GPS satellite")
-    rows = fields[:, epoch, column]
-    if not np.isfinite(rows).all():
-        raise refusal(NAVIGATION, "is corrupt: an ephemeris lacks some of its numbers")
-    values = dict(zip(broadcast.FIELDS, rows, strict=True))
-    toc = _seconds(data.time.values)[epoch]
-    toe = values["Toe"] + _WEEK * np.round((toc - values["Toe"]) / _WEEK)
-    sane = (values["sqrtA"] > 1000.0) & (values["Eccentricity"] >= 0.0) & (values["Eccentricity"] < 0.3)
-    if not sane.all():
-        raise refusal(NAVIGATION, "is corrupt: it holds an orbit that no GPS satellite can have")
-    ionosphere = data.attrs.get("ionospheric_corr_GPS")
-    names = [str(data.sv.values[i]) for i in column]
-    return Ephemerides(
-        prn=np.array([int(name[1:3]) for name in names]),
-        toc=toc,
-        toe=toe,
-        week_second=values["Toe"],
-        values=values,
-        ionosphere=None if ionosphere is None else np.asarray(ionosphere, dtype=np.float64),
-    )
-
-
-def _seconds(times: NDArray[Any]) -> Array:
-    return np.asarray((times.astype("datetime64[ns]") - _GPS_EPOCH).astype(np.int64) * 1e-9)
-
-
-def _text(seconds: float) -> str:
-    moment = _GPS_EPOCH + np.timedelta64(round(float(seconds) * 1000.0), "ms")
-    return str(moment.astype("datetime64[s]")).replace("T", " ")

@@ -1,37 +1,55 @@
-"""Is a RINEX text whole? Walks a file record by record, and keeps what concerns GPS.
+"""RINEX as text: lines of a file that can be gathered by the thousand, header records, numbers, times, refusals.
 
-georinex takes what it can and says nothing of the rest; here every record must be complete, so that a truncated or
-corrupt file is refused, by line number and never by its content. Only the code on L1 is kept: what is handed on is a
-small RINEX file of the same version with one observable.
+A file is one array of bytes with the places where its lines begin and end; fields of many lines are cut out at once.
+Whatever is wrong is said by one sentence with the line and the cause, :class:`LogError`, never by the file's content.
 Source: RINEX 2.11 and 3.05 format descriptions.
 """
 
 from __future__ import annotations
 
+import calendar
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-_CODES: Final = {2: ("C1", "P1"), 3: ("C1C", "C1W", "C1P", "C1X", "C1S", "C1L", "C1Y")}
-"""Code on L1, the civil one first."""
-_HEADER_LINES: Final = 2000
-_NAVIGATION_LINES: Final = {"G": 8, "R": 4, "E": 8, "J": 8, "C": 8, "I": 8, "S": 4}
-_PACKED: Final = (b"\x1f\x8b", b"BZh", b"PK", b"\x1f\x9d", b"7z", b"\xfd7zXZ")
-
+Array = NDArray[np.float64]
+Lines = NDArray[np.int64]
 
 OBSERVATION: Final = "observation file"
 NAVIGATION: Final = "navigation file"
+COMMENT: Final = "COMMENT"
+FIRST: Final = "RINEX VERSION / TYPE"
+LAST: Final = "END OF HEADER"
+LABELS: Final = frozenset(
+    (
+        *(FIRST, LAST, "PGM / RUN BY / DATE", "MARKER NAME", "MARKER NUMBER", "MARKER TYPE", "OBSERVER / AGENCY"),
+        *("REC # / TYPE / VERS", "ANT # / TYPE", "APPROX POSITION XYZ", "ANTENNA: DELTA H/E/N", "ANTENNA: DELTA X/Y/Z"),
+        *("WAVELENGTH FACT L1/2", "# / TYPES OF OBSERV", "SYS / # / OBS TYPES", "SIGNAL STRENGTH UNIT", "INTERVAL"),
+        *("TIME OF FIRST OBS", "TIME OF LAST OBS", "RCV CLOCK OFFS APPL", "SYS / DCBS APPLIED", "SYS / PCVS APPLIED"),
+        *("SYS / SCALE FACTOR", "OBS SCALE FACTOR", "SYS / PHASE SHIFT", "SYS / PHASE SHIFTS", "GLONASS SLOT / FRQ #"),
+        *("GLONASS COD/PHS/BIS", "LEAP SECONDS", "# OF SATELLITES", "PRN / # OF OBS", "ION ALPHA", "ION BETA"),
+        *("DELTA-UTC: A0,A1,T,W", "IONOSPHERIC CORR", "TIME SYSTEM CORR"),
+    )
+)
+"""Labels of header records, without comments."""
+_HEADER_LINES: Final = 4000
+_BLANK, _NEWLINE, _DOT, _MINUS, _PLUS, _ZERO = (ord(one) for one in " \n.-+0")
+_WIDTH: Final = 14
+_POWERS: Final = np.array([1e12, 1e11, 1e10, 1e9, 1e8, 1e7, 1e6, 1e5, 1e4, 1e3, 0.0, 100.0, 10.0, 1.0])
+"""Weights of the places of F14.3, in thousandths; the tenth is the point."""
+_GPS_EPOCH: Final = calendar.timegm((1980, 1, 6, 0, 0, 0))
 
 
 class LogError(ValueError):
     """A log that cannot be used; the message is one sentence for a person.
 
     Attributes:
-        part: what of the log is at fault (``observation``, ``navigation`` or ``antenna``), None if the two files
-            do not fit together.
+        part: what of the log is at fault (``observation``, ``navigation``, ``antenna`` or ``floor``), None if the two
+            files do not fit together.
         field: the same as a place in the scenario.
     """
 
@@ -47,269 +65,237 @@ def refusal(what: str, problem: str) -> LogError:
 
 
 @dataclass(frozen=True)
-class Observations:
-    """A checked observation file, reduced to one GPS observable.
+class Record:
+    """One line of a header: its label in capitals, its 60 columns of content, its index in the file."""
 
-    ``header``: text of a small RINEX header; ``epochs``: texts of the epochs; ``code``: the observable; ``interval``:
-    of the header [s]; ``position``: approximate, Earth-fixed [m].
+    label: str
+    content: str
+    line: int
+
+
+class Text:
+    """Lines of one file.
+
+    Attributes:
+        what: which file, for messages.
+        starts, ends: (lines,) where each line begins and ends in the bytes, line ends left out.
+        whole: whether the last line is ended, so that it cannot have been cut off.
     """
 
-    header: str
-    epochs: tuple[str, ...]
-    code: str
-    interval: float | None
-    position: NDArray[np.float64] | None
-
-
-class _Lines:
-    """Lines of a file, counted; running out of them in the middle of a record is an error."""
-
-    def __init__(self, text: str, what: str) -> None:
-        self._lines = text.splitlines()
-        self.number = 0
+    def __init__(self, content: bytes, what: str) -> None:
         self.what = what
+        self.whole = content.endswith(b"\n")
+        self._content = content
+        self._bytes = np.frombuffer(content, np.uint8)
+        ends = np.flatnonzero(self._bytes == _NEWLINE)
+        if not self.whole:
+            ends = np.append(ends, len(content))
+        self.ends: Lines = ends
+        self.starts: Lines = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
+        self._comments = self._labelled(COMMENT)
+        self._is_comment = frozenset(self._comments.tolist())
 
-    def more(self) -> bool:
-        """Whether there is anything but blank lines to come."""
-        while self.number < len(self._lines) and not self._lines[self.number].strip():
-            self.number += 1
-        return self.number < len(self._lines)
+    def __len__(self) -> int:
+        """How many lines."""
+        return len(self.starts)
 
-    def next(self) -> str:
-        if self.number >= len(self._lines):
-            raise refusal(self.what, f"is truncated: it ends in the middle of a record, at line {self.number}")
-        self.number += 1
-        return self._lines[self.number - 1]
+    def line(self, i: int) -> str:
+        """Line ``i``, from 0 on, without its end; bytes that are no ASCII stay one character each."""
+        return self._content[self.starts[i] : self.ends[i]].decode("latin-1").rstrip()
 
-    def corrupt(self) -> LogError:
-        return refusal(self.what, f"is corrupt at line {self.number}")
+    def label(self, i: int) -> str:
+        """Header label of a line, in capitals: what stands from column 61 on, '' if nothing does."""
+        raw = self._content[self.starts[i] : self.ends[i]]
+        text = raw.decode("ascii", "replace")
+        if not raw.isascii():
+            # Names with letters beyond ASCII shift the label by a column a letter, if the writer counted letters.
+            text = raw.decode("utf-8", "replace")
+            if len(raw) > 60 and raw[60:].isascii() and (len(raw) == 60 or raw[59:60] == b" "):
+                text = " " * 60 + raw[60:].decode()
+        return text[60:].strip().upper()
+
+    def skip_blank(self, i: int) -> int:
+        """First line from ``i`` on that holds anything but blanks and is no comment."""
+        while i < len(self) and (not self.line(i) or self.is_comment(i)):
+            i += 1
+        return i
+
+    def is_comment(self, i: int) -> bool:
+        """Whether line ``i`` is a header's comment, wherever it stands."""
+        return i in self._is_comment
+
+    def records(self, first: int, count: int) -> Lines:
+        """Indices of the ``count`` lines from ``first`` on that are no comments.
+
+        Raises:
+            LogError: the file ends before.
+        """
+        lines = np.arange(first, first + count)
+        if len(self._comments):
+            while (hit := np.isin(lines, self._comments)).any():
+                lines = np.concatenate([lines[~hit], np.arange(lines[-1] + 1, lines[-1] + 1 + hit.sum())])
+        if count and lines[-1] >= len(self):
+            raise self.truncated()
+        return lines
+
+    def first_bytes(self, lines: Lines) -> NDArray[np.uint8]:
+        """First byte of each of the lines, in capitals; a blank for an empty line."""
+        at = np.minimum(self.starts[lines], len(self._bytes) - 1)
+        first = np.where(self.starts[lines] < self.ends[lines], self._bytes[at], _BLANK)
+        return np.where((first >= ord("a")) & (first <= ord("z")), first - 32, first).astype(np.uint8)
+
+    def cut(self, lines: Lines, column: int, width: int) -> NDArray[np.uint8]:
+        """Bytes ``(lines, width)`` from a column on; blanks where a line is shorter."""
+        at = self.starts[lines][:, None] + np.arange(column, column + width)
+        inside = at < self.ends[lines][:, None]
+        return np.where(inside, self._bytes[np.minimum(at, len(self._bytes) - 1)], _BLANK).astype(np.uint8)
+
+    def numbers(self, lines: Lines, column: int, name: str) -> Array:
+        """Fields F14.3 of many lines at one column, (lines,); NaN where a field is blank.
+
+        A whole field has its point at the eleventh place: a number that was cut off still looks like a number.
+
+        Raises:
+            LogError: a field that is none, by its line.
+        """
+        field = self.cut(lines, column, _WIDTH)
+        blank = (field == _BLANK).all(axis=1)
+        digit = (field >= _ZERO) & (field <= _ZERO + 9)
+        sign = (field == _MINUS) | (field == _PLUS)
+        started = np.logical_or.accumulate(field != _BLANK, axis=1)
+        first = started & ~np.pad(started, ((0, 0), (1, 0)))[:, :-1]
+        fits = digit | (~started) | (first & sign)
+        fits[:, 10] = field[:, 10] == _DOT
+        fits[:, 11:] = digit[:, 11:]
+        wrong = ~blank & ~fits.all(axis=1)
+        if wrong.any():
+            line = int(lines[wrong.argmax()])
+            if line == len(self) - 1 and not self.whole:
+                raise self.truncated()
+            raise self.corrupt(line, f"its {name} is not a number of the form F14.3")
+        # Whole thousandths are exact, so this is the double nearest to what is written.
+        size = np.where(digit, field - _ZERO, 0).astype(np.float64) @ _POWERS / 1e3
+        negative = (field == _MINUS).any(axis=1)
+        return np.where(blank, np.nan, np.where(negative, -size, size))
+
+    def header(self, first: int = 0) -> tuple[list[Record], int]:
+        """Records of a header that begins at line ``first``, without comments, and the line after its end.
+
+        Raises:
+            LogError: the header does not end.
+        """
+        records: list[Record] = []
+        for i in range(first, min(first + _HEADER_LINES, len(self))):
+            record = self.record(i)
+            if record.label == LAST:
+                return records, i + 1
+            if record.label != COMMENT:
+                records.append(record)
+        raise refusal(self.what, "is truncated: its header does not end")
+
+    def record(self, i: int) -> Record:
+        """Line ``i`` as a line of a header."""
+        return Record(self.label(i), self.line(i)[:60].ljust(60), i)
+
+    def truncated(self) -> LogError:
+        """It ends in the middle of something."""
+        return refusal(self.what, f"is truncated: it ends in the middle of a record, at line {len(self)}")
+
+    def corrupt(self, line: int, cause: str) -> LogError:
+        """A line, from 0 on, that cannot be what must stand there."""
+        return refusal(self.what, f"is corrupt at line {line + 1}: {cause}")
+
+    def _labelled(self, label: str) -> Lines:
+        """Lines that have this header label."""
+        bytes_ = label.encode()
+        long = np.flatnonzero(self.ends - self.starts >= 60 + len(bytes_))
+        for k, letter in enumerate(bytes_):
+            found = self._bytes[self.starts[long] + 60 + k] | 32
+            long = long[found == letter | 32]
+        return long
 
 
-def decode(content: bytes, what: str) -> str:
-    """The text of a file. Raises LogError for one that is empty, compressed or no text."""
-    if not content.strip():
-        raise refusal(what, "is empty")
-    if content.startswith(_PACKED):
-        raise refusal(what, "is compressed; unpack it first")
-    first = content[:200].splitlines()[0]
-    if b"CRINEX VERS" in first:
-        raise refusal(what, "is Hatanaka-compressed; unpack it first (crx2rnx)")
-    if b"RINEX VERSION / TYPE" not in first:
-        raise refusal(what, "is not a RINEX file: its first line does not say so")
-    try:
-        return content.decode("ascii", errors="strict" if b"\0" in content else "replace")
-    except UnicodeDecodeError:
-        raise refusal(what, "is corrupt: it holds bytes that are no text") from None
+def version_of(record: Record, what: str, kind: str) -> float:
+    """The format version in the first record of a file or of a header inside one.
 
+    Args:
+        kind: O or N, the file type that is wanted.
 
-def observations(text: str, max_epochs: int) -> Observations:
-    """Walk an observation file. Raises LogError."""
-    what = OBSERVATION
-    lines = _Lines(text, what)
-    version, header = _header(lines, "O")
-    codes, wanted = _observables(header, version, lines)
-    interval = _number(header.get("INTERVAL", [""])[0][:10])
-    system = header.get("TIME OF FIRST OBS", [""])[0][48:51].strip()
-    if system not in ("", "GPS"):
-        raise refusal(what, f"keeps {system} time; only GPS time is read")
-    walk = _epoch2 if version == 2 else _epoch3
-    epochs = []
-    while lines.more():
-        epoch = walk(lines, codes, wanted)
-        if epoch is not None:
-            epochs.append(epoch)
-        if len(epochs) > max_epochs:
-            raise refusal(what, f"has more than {max_epochs} epochs, which is the most that is read")
-    if not epochs:
-        raise refusal(what, "holds no pseudorange of a GPS satellite")
-    return Observations(_small_header(version, wanted), tuple(epochs), wanted, interval, _position(header))
-
-
-def navigation(text: str) -> str:
-    """Walk a navigation file and keep its header and GPS records, of several for one satellite and time the first.
-
-    Raises LogError. (Receivers repeat a record as often as they hear it; georinex leaves out such a satellite.)
+    Raises:
+        LogError: another version or another kind of file.
     """
-    what = NAVIGATION
-    lines = _Lines(text, what)
-    version, _ = _header(lines, "N")
-    kept = text.splitlines()[: lines.number]
-    known: set[str] = set()
-    while lines.more():
-        first = lines.next()
-        system = "G" if version == 2 else first[:1]
-        if system not in _NAVIGATION_LINES:
-            raise lines.corrupt()
-        rows = [_navigation_row(first, lines, version, 0)]
-        rows += [_navigation_row(lines.next(), lines, version, i) for i in range(1, _NAVIGATION_LINES[system])]
-        satellite_and_time = rows[0][: 22 if version == 2 else 23]
-        if system == "G" and satellite_and_time not in known:
-            known.add(satellite_and_time)
-            kept += rows
-    if not known:
-        raise refusal(what, "holds no ephemeris of a GPS satellite")
-    return "\n".join(kept) + "\n"
+    value = number(record.content[:9])
+    major = int(value) if value is not None else 0
+    if value is None or major not in (2, 3):
+        given = record.content[:9].strip()[:8]
+        shown = given if given.isascii() and given.replace(".", "").isdigit() else "?"
+        raise refusal(what, f"is RINEX {shown}; versions 2 and 3 are read")
+    found = record.content[20:21].upper()
+    if found != kind:
+        names = {
+            "O": "an observation file",
+            "N": "a GPS navigation file",
+            "G": "a GLONASS navigation file, another kind of RINEX file",
+            "H": "an SBAS navigation file, another kind of RINEX file",
+            "M": "a meteorological file, another kind of RINEX file",
+            "C": "a clock file, another kind of RINEX file",
+        }
+        raise refusal(what, f"is {names.get(found, 'another kind of RINEX file')}, not {names[kind]}")
+    return value
 
 
-def _navigation_row(line: str, lines: _Lines, version: int, place: int) -> str:
-    """One line of an ephemeris with every number checked; a blank field becomes a zero, except in the last line."""
-    start = (22 if version == 2 else 23) if place == 0 else (3 if version == 2 else 4)
-    fields = [line[k : k + 19] for k in range(start, start + 19 * (3 if place == 0 else 4), 19)]
-    if any(field.strip() and _number(field.upper().replace("D", "E")) is None for field in fields):
-        raise lines.corrupt()
-    if place == 0 and not line[version - 2 : start].replace("G", "").replace(".", "").replace(" ", "").isdigit():
-        raise lines.corrupt()
-    if place < 7:
-        fields = [field.rjust(19) if field.strip() else "0.000000000000D+00".rjust(19) for field in fields]
-    elif not fields[0].strip():
-        raise lines.corrupt()
-    return (line[:start].ljust(start) + "".join(fields)).rstrip()
+def seconds_of(parts: Iterable[str], short_year: bool) -> float | None:
+    """Year, month, day, hour, minute and second as they stand in a file, as seconds of the continuous GPS time scale.
 
-
-def _header(lines: _Lines, kind: str) -> tuple[int, dict[str, list[str]]]:
-    """Version and header lines by label."""
-    first = lines.next()
-    value = _number(first[:9])
-    version = int(value) if value is not None else 0
-    if version not in (2, 3):
-        raise refusal(lines.what, f"is RINEX {first[:9].strip()[:8] or '?'}; versions 2 and 3 are read")
-    names = {"O": "an observation file", "N": "a GPS navigation file"}
-    if first[20:21].upper() != kind:
-        other = names.get(first[20:21].upper(), "another kind of RINEX file")
-        raise refusal(lines.what, f"is {other}, not {names[kind]}")
-    header: dict[str, list[str]] = {}
-    for _ in range(_HEADER_LINES):
-        if not lines.more():
-            break
-        line = lines.next()
-        label = line[60:].strip()
-        if label == "END OF HEADER":
-            return version, header
-        header.setdefault(label, []).append(line[:60])
-    raise refusal(lines.what, "is truncated: its header does not end")
-
-
-def _observables(header: dict[str, list[str]], version: int, lines: _Lines) -> tuple[list[str], str]:
-    """The observables of a GPS record in order, and the one to read."""
-    codes: list[str] = []
-    if version == 2:
-        for row in header.get("# / TYPES OF OBSERV", []):
-            codes += row[6:].split()
-    else:
-        for row in _of_gps(header.get("SYS / # / OBS TYPES", [])):
-            codes += row[7:].split()
-    for wanted in _CODES[version]:
-        if wanted in codes:
-            return codes, wanted
-    raise refusal(lines.what, f"holds no code pseudorange of GPS on L1 ({', '.join(_CODES[version][:2])})")
-
-
-def _of_gps(rows: list[str]) -> list[str]:
-    kept, system = [], ""
-    for row in rows:
-        system = row[:1] if row[:1].strip() else system
-        if system == "G":
-            kept.append(row)
-    return kept
-
-
-def _epoch2(lines: _Lines, codes: list[str], wanted: str) -> str | None:
-    """One epoch of RINEX 2 with one observable, or None for an event or an epoch without GPS."""
-    head = lines.next()
-    flag, count = _whole(head[28:29] or "0"), _whole(head[29:32])
-    if flag is None or count is None or count < 0:
-        raise lines.corrupt()
-    if flag > 1:
-        for _ in range(count):
-            lines.next()
+    A second, minute or hour that is full (60, 60, 24), as converters write what they have rounded up, is the next one.
+    None if it is no time at all.
+    """
+    *fields, last = parts
+    numbers = [whole(field) for field in fields]
+    second = number(last)
+    if second is None or any(value is None for value in numbers):
         return None
-    if not all(_whole(head[k : k + 3]) is not None for k in (0, 3, 6, 9, 12)) or _number(head[15:26]) is None:
-        raise lines.corrupt()
-    names = head[32:68].ljust(36)
-    for _ in range(math.ceil(count / 12) - 1):
-        names += lines.next()[32:68].ljust(36)
-    rows, satellites = [], []
-    place = codes.index(wanted)
-    for i in range(count):
-        satellite = names[3 * i : 3 * i + 3]
-        record = [lines.next() for _ in range(math.ceil(len(codes) / 5))]
-        if _whole(satellite[1:]) is None or (not satellite[0].isalpha() and satellite[0] != " "):
-            raise lines.corrupt()
-        value = record[place // 5][16 * (place % 5) : 16 * (place % 5) + 14]
-        if value.strip() and not _is_range(value):
-            raise lines.corrupt()
-        if satellite[0] in "G " and value.strip():
-            satellites.append(f"G{int(satellite[1:]):02d}")
-            rows.append(value)
-    if not rows:
+    year, month, day, hour, minute = (int(value) for value in numbers if value is not None)
+    if short_year:
+        year += 1900 if 80 <= year <= 99 else 2000 if 0 <= year < 80 else 0
+    if not (1980 <= year <= 2100 and 1 <= month <= 12 and 1 <= day <= calendar.monthrange(year, month)[1]):
         return None
-    text = f"{head[:29].ljust(29)}{len(rows):3d}{''.join(satellites[:12])}\n"
-    for k in range(12, len(rows), 12):
-        text += " " * 32 + "".join(satellites[k : k + 12]) + "\n"
-    return text + "".join(f"{row}  \n" for row in rows)
-
-
-def _epoch3(lines: _Lines, codes: list[str], wanted: str) -> str | None:
-    """One epoch of RINEX 3 with one observable, or None for an event or an epoch without GPS."""
-    head = lines.next()
-    flag, count = _whole(head[31:32]), _whole(head[32:35])
-    if not head.startswith(">") or flag is None or count is None or count < 0:
-        raise lines.corrupt()
-    if flag > 1:
-        for _ in range(count):
-            lines.next()
+    if not (0 <= hour <= 24 and 0 <= minute <= 60 and 0.0 <= second <= 60.0):
         return None
-    if not all(_whole(head[a:b]) is not None for a, b in ((2, 6), (7, 9), (10, 12), (13, 15), (16, 18))):
-        raise lines.corrupt()
-    if _number(head[18:29]) is None:
-        raise lines.corrupt()
-    place = 3 + 16 * codes.index(wanted)
-    rows = []
-    for _ in range(count):
-        record = lines.next()
-        if not record[:1].isalpha() or _whole(record[1:3]) is None:
-            raise lines.corrupt()
-        value = record[place : place + 14]
-        if record[0] == "G" and value.strip():
-            if not _is_range(value):
-                raise lines.corrupt()
-            rows.append(f"G{int(record[1:3]):02d}{value}  \n")
-    return f"{head[:32]}{len(rows):3d}\n" + "".join(rows) if rows else None
+    days = calendar.timegm((year, month, day, 0, 0, 0)) - _GPS_EPOCH
+    return days + 3600.0 * hour + 60.0 * minute + second
 
 
-def _small_header(version: int, code: str) -> str:
-    if version == 2:
-        rows = [("     2.11           OBSERVATION DATA    G (GPS)", "RINEX VERSION / TYPE")]
-        rows += [(f"     1    {code}", "# / TYPES OF OBSERV")]
-    else:
-        rows = [("     3.05           OBSERVATION DATA    G: GPS", "RINEX VERSION / TYPE")]
-        rows += [(f"G    1 {code}", "SYS / # / OBS TYPES")]
-    return "".join(f"{text:60s}{label}\n" for text, label in [*rows, ("", "END OF HEADER")])
+def date(seconds: float) -> str:
+    """A moment of the GPS time scale for a person."""
+    moment = np.datetime64("1980-01-06T00:00:00", "ms") + np.timedelta64(round(float(seconds) * 1000.0), "ms")
+    return str(moment.astype("datetime64[s]")).replace("T", " ")
 
 
-def _position(header: dict[str, list[str]]) -> NDArray[np.float64] | None:
-    numbers = [_number(word) for word in header.get("APPROX POSITION XYZ", [""])[0].split()]
-    if len(numbers) != 3 or None in numbers:
+def number(text: str) -> float | None:
+    """A finite number in either of Fortran's exponents, None if it is none."""
+    text = text.strip()
+    if not text or not set(text) <= set("+-.0123456789eEdD"):
         return None
-    position = np.array(numbers, dtype=np.float64)
-    return position if 6.3e6 < float(np.linalg.norm(position)) < 6.5e6 else None
-
-
-def _number(text: str) -> float | None:
     try:
-        value = float(text)
+        value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
         return None
     return value if math.isfinite(value) else None
 
 
-def _is_range(field: str) -> bool:
-    """Whether a field is a whole F14.3: a number cut off by the end of the file still looks like a number."""
-    return len(field) == 14 and field[10] == "." and _number(field) is not None
+def whole(text: str) -> int | None:
+    """A whole number, None if it is none."""
+    text = text.strip()
+    return int(text) if text.isascii() and text.removeprefix("-").isdigit() else None
 
 
-def _whole(text: str) -> int | None:
-    try:
-        return int(text)
-    except ValueError:
+def place(content: str) -> Array | None:
+    """Three coordinates of a header record, (3,) [m]; None where they are no point near the Earth's surface."""
+    numbers = [number(word) for word in content.split()]
+    if len(numbers) != 3 or None in numbers:
+        numbers = [number(content[k : k + 14]) for k in (0, 14, 28)]
+    if None in numbers:
         return None
+    position = np.array(numbers, dtype=np.float64)
+    return position if 6.3e6 < float(np.linalg.norm(position)) < 6.5e6 else None

@@ -19,7 +19,7 @@ def sense(rpy: Array, sigma: float, noise: NoiseSource, epoch: int, time: float)
 
     Args:
         rpy: ``(1 or runs, 3)`` true roll, pitch, heading [rad].
-        sigma: 1-sigma of the white noise of each angle [rad]; 002, Table 2.
+        sigma: 1-sigma of the white noise of each angle [rad]; Yang 2016, Table 2.
 
     Returns:
         Group ``(runs, 3)``: roll, pitch, heading [rad].

@@ -63,6 +63,14 @@ class Notice:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """Readings that there are but that a navigator does not look at: ``where (runs or 1, parts)``, and why."""
+
+    where: Flags
+    because: str
+
+
+@dataclass(frozen=True)
 class Output:
     """What a navigator says at one epoch.
 
@@ -73,6 +81,7 @@ class Output:
         notices: further events.
         detail: what the reporter needs; a value of the system's own type.
         command: what the plant is told for the next epoch; None where nothing is flown.
+        left_out: reading group -> what of it was not looked at, neither by a filter nor by a test.
     """
 
     statistic: Array
@@ -84,6 +93,7 @@ class Output:
     notices: Sequence[Notice]
     detail: Any
     command: Any = None
+    left_out: Mapping[str, LeftOut] = field(default_factory=dict)
 
 
 class Plant(Protocol):

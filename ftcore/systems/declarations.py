@@ -35,7 +35,7 @@ def declared_imu_tests(
             dof=f"3 for the whole; 1 for an instrument{silent}",
             source=source,
         )
-        for name, source in (("parity", "001 (29)-(32)"), ("glt", "000 [12]"))
+        for name, source in (("parity", "Kim 2005 (29)-(32)"), ("glt", "Zhang 1992 [12]"))
     ]
 
 

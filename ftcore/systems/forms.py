@@ -24,7 +24,7 @@ def mounting() -> Any:
     """Mounting angles of three 2-DOF instruments."""
     return Field(
         default=(45.0, 45.0, 45.0),
-        description="mounting angles phi, theta, psi of 001 (27)",
+        description="mounting angles phi, theta, psi of Kim 2005 (27)",
         json_schema_extra={"unit": "deg", "source": "paper"},
     )
 

@@ -14,7 +14,7 @@ from ftcore.detection.parity import Reference
 from ftcore.detection.protection import noncentrality
 
 FDI_IDEAL = 4.0
-"""Largest J_FDI of three 2-DOF instruments: 001, section 3."""
+"""Largest J_FDI of three 2-DOF instruments: Kim 2005, section 3."""
 GNC_IDEAL = 1.0 / math.sqrt(8.0)
 """Least J_GNC of six axes: (7) with (24), H'H = 2 I."""
 MISSED = 0.01
@@ -33,7 +33,7 @@ def mounting_indicators(cluster: Cluster, field: str) -> tuple[Indicator, ...]:
             better="higher",
             field=field,
             note="How much more the parity equation of an axis feels that axis than any other, for the worst axis; "
-            "001 (16).",
+            "Kim 2005 (16).",
         ),
         Indicator(
             id="gnc",
@@ -44,7 +44,7 @@ def mounting_indicators(cluster: Cluster, field: str) -> tuple[Indicator, ...]:
             better="lower",
             field=field,
             note="Volume of the error of the solved rates; with spin axes at right angles it is ideal at any mounting "
-            "angles; 001 (7), (26).",
+            "angles; Kim 2005 (7), (26).",
         ),
         Indicator(
             id="axis-margin",
@@ -113,7 +113,7 @@ def ambiguity_indicators(reference: Reference, limit: float, field: str, label: 
                 better="lower",
                 field=field,
                 note=f"Share of the directions of a fault in which the parity vector is within {degrees:g}° of another "
-                f"{label}'s fault plane too, noise aside: parity space alone declares both; 001 section 4.1.",
+                f"{label}'s fault plane too, noise aside: parity space alone declares both; Kim 2005 section 4.1.",
                 map=IndicatorMap(
                     label="direction of the fault, from the first input axis over the second",
                     unit="deg",

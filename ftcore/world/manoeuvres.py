@@ -1,8 +1,8 @@
 """Phases of high and of low manoeuvre, made of the segments of :mod:`ftcore.world.trajectory`.
 
-002 flies an hour of them (section 4): it says which minutes are under high and which under low manoeuvre, and leaves
-open how hard the aircraft turns. A phase here repeats a pattern of turns, climbs and speed changes until its time is
-over, and closes with straight flight.
+Yang 2016 flies an hour of them (section 4): it says which minutes are under high and which under low manoeuvre, and
+leaves open how hard the aircraft turns. A phase here repeats a pattern of turns, climbs and speed changes until its
+time is over, and closes with straight flight.
 """
 
 from __future__ import annotations

@@ -38,16 +38,20 @@
     value.append(el('b', say(item.value, item.unit)));
     if (item.note) value.append(' ', el('span', item.note, { className: 'dim' }));
     box.append(el('dt', item.label), value);
+    if (item.detail) box.append(el('dd', item.detail, { className: 'dim' }));
     if (item.compare_label) box.append(el('dd', `${item.compare_label}: ${say(item.compare, item.unit)}`, { className: 'dim' }));
     $('headline').append(box);
   }
   const first = (delays) => Object.entries(delays).filter(([, delay]) => delay !== null).sort((a, b) => a[1] - b[1]).map(([test, delay]) => `${test} ${say(delay, 's')}`).join(', ') || 'none';
-  table($('faults'), 'Faults', ['fault', 'from', 'to', 'alarms after', 'isolated after', 'isolated', 'wrongly isolated', 're-admitted after'],
-    (score.faults ?? []).map((f) => [f.label, say(f.start, 's'), f.end === null ? 'to the end' : say(f.end, 's'), first(f.time_to_alarm), say(f.time_to_isolate, 's'), f.isolated.join(', ') || '–', f.wrong_isolations.join(', ') || '–', say(f.time_to_readmit, 's')]));
+  table($('faults'), 'Faults (delays: medians, from the first epoch in which it acted)', ['fault', 'from', 'to', 'what came of it', 'alarms after', 're-admitted after'],
+    (score.faults ?? []).map((f) => [f.label, say(f.start, 's'), f.end === null ? 'to the end' : say(f.end, 's'), f.words, first(f.time_to_alarm), f.readmission ? `${say(f.time_to_readmit, 's')}, in ${f.readmission.words}` : '–']));
   table($('estimators'), 'Estimators (SI; root mean square, worst)', ['estimator', 'position', 'velocity', 'attitude', 'NEES'],
     Object.entries(score.estimators ?? {}).map(([name, e]) => [facts.estimators[name] ?? name, ...['position', 'velocity', 'attitude'].map((q) => `${say(e[q]?.rms)}, ${say(e[q]?.worst)}`), `${say(e.nees)}${e.nees_dof ? ` of ${e.nees_dof}` : ''}`]));
-  table($('tests'), 'Alarms while nothing was wrong', ['test', 'subject', 'alarms', 'epochs', 'rate'],
-    (score.tests ?? []).filter((t) => t.epochs > 0).map((t) => [t.name, t.subject, t.alarms, t.epochs, say(t.false_alarm_rate)]));
+  const between = (low, high) => low === null ? '–' : `${say(low)} to ${say(high)}`;
+  table($('tests'), `False alarms: while nothing that concerns the subject was wrong, nor up to ${say(score.recovery, 's')} before`, ['test', 'subject', 'alarms', 'of tests', 'rate', '95 % interval, tests taken as independent', 'in stretches', 'in runs', 'alarms while another faulty sensor entered the test'],
+    (score.tests ?? []).filter((t) => t.epochs + t.reached_epochs > 0).map((t) => [t.name, t.subject, t.alarms, t.epochs, say(t.false_alarm_rate), between(t.low, t.high), `${t.stretches}${t.clustered ? ' (clustered: the true interval is wider)' : ''}`, t.runs.words, `${t.reached_alarms} of ${t.reached_epochs} tests`]));
+  table($('isolations'), `False isolations: of a subject that nothing was wrong with, nor up to ${say(score.recovery, 's')} before`, ['subject', 'isolations', 'with nothing wrong at all', 'in runs', 'hours in use and sound', 'an hour', '95 % interval', 'when (s)'],
+    (score.isolations ?? []).map((i) => [i.label, i.count, i.calm, i.runs.words, say(i.hours), say(i.per_hour), between(i.low, i.high), i.first.map((w) => score.runs > 1 ? `${say(w.time)} (run ${w.run})` : say(w.time)).join(', ') || '–']));
 
   const COLOURS = { protected: ['#0072b2'], unprotected: ['#5b6168'], statistic: ['#0072b2'], threshold: ['#1d1f21'], local: ['#b35c00', '#00734f', '#9a3f74'], component: ['#0072b2', '#b35c00', '#00734f', '#9a3f74', '#56b4e9', '#8a7400'], weight: ['#0072b2', '#b35c00', '#00734f', '#9a3f74'] };
   const DASHES = { local: ['dash', 'dashdot', 'longdash'], unprotected: ['dot'], threshold: ['longdash'] };

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 
 from ftcore import CommandError
-from server.dependencies import Live, Registry, SceneServers
+from server.advances import for_as_long_as_the_client_listens
+from server.dependencies import Live, Registry, SceneServers, kept_for
 from server.models import ExperimentState, Fork, NewExperiment
 from server.problems import Refused, at, documented
 from server.registry import scenario_from
@@ -22,7 +23,9 @@ router = APIRouter(prefix="/experiments", tags=["experiments"])
     status_code=201,
     responses=documented(400, 404, 409, 413, 415, 422, 429),
 )
-async def create_experiment(body: NewExperiment, registry: Registry, response: Response) -> ExperimentState:
+async def create_experiment(
+    body: NewExperiment, registry: Registry, request: Request, response: Response
+) -> ExperimentState:
     """A new experiment, paused at t = 0."""
     scenario = await asyncio.to_thread(scenario_from, body.scenario)
     try:
@@ -31,6 +34,7 @@ async def create_experiment(body: NewExperiment, registry: Registry, response: R
         place = at(["scenario", *error.field.split(".")], str(error))
         raise Refused(409, str(error), [place]) from None
     experiment.spare = body.spare
+    await kept_for(request, experiment)
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
     return await experiment.state()
 
@@ -67,9 +71,12 @@ async def delete_experiment(experiment: Live, registry: Registry, scenes: SceneS
     status_code=201,
     responses=documented(400, 404, 409, 413, 415, 422, 429),
 )
-async def fork_experiment(body: Fork, experiment: Live, registry: Registry, response: Response) -> ExperimentState:
+async def fork_experiment(
+    body: Fork, experiment: Live, registry: Registry, request: Request, response: Response
+) -> ExperimentState:
     """A second experiment that shares the past of this one up to ``at``, and its noise ever after. It is paused."""
     branch = await registry.fork(experiment, body.at, body.title)
+    await kept_for(request, branch)
     response.headers["location"] = f"/api/v1/experiments/{branch.id}"
     return await branch.state()
 
@@ -79,10 +86,17 @@ async def fork_experiment(body: Fork, experiment: Live, registry: Registry, resp
     operation_id="ghostExperiment",
     summary="The same flight without faults",
     status_code=201,
-    responses=documented(404, 409, 429),
+    responses=documented(404, 409, 410, 429, 503),
 )
-async def ghost_experiment(experiment: Live, registry: Registry, response: Response) -> ExperimentState:
-    """A twin with the same scenario, seed and commands, but without any fault, flown to the same time. It is paused."""
-    ghost = await registry.ghost(experiment)
+async def ghost_experiment(
+    experiment: Live, registry: Registry, request: Request, response: Response
+) -> ExperimentState:
+    """A twin with the same scenario, seed and commands, but without any fault, flown to the same time. It is paused.
+
+    A client that hangs up meanwhile leaves none behind.
+    """
+    async with for_as_long_as_the_client_listens(request) as advance:
+        ghost = await registry.ghost(experiment, advance)
+    await kept_for(request, ghost)
     response.headers["location"] = f"/api/v1/experiments/{ghost.id}"
     return await ghost.state()

@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect
 
 from ftcore import CommandError
 from ftcore.sensors.rinex import LogError
-from server.dependencies import Registry, SettingsOf
+from server.dependencies import Registry, SettingsOf, kept_for
 from server.models import ExperimentState, LogLimits
 from server.problems import FieldError, Refused, at, documented
 from server.registry import ReceiverLog
@@ -33,12 +33,13 @@ FORM: dict[str, Any] = {
         "observation": {
             "type": "string",
             "format": "binary",
-            "description": "RINEX 2 or 3 observation file, GPS, code on L1; `GET /logs` says how large",
+            "description": "RINEX 2 or 3 observation file, GPS, code on L1; plain, .gz, .Z, .bz2 or .crx; `GET /logs` "
+            "says how large, unpacked too",
         },
         "navigation": {
             "type": "string",
             "format": "binary",
-            "description": "RINEX 2 or 3 GPS navigation file of the same day",
+            "description": "RINEX 2 or 3 GPS navigation file of the same day, plain or packed",
         },
         "antenna": {
             "type": "string",
@@ -84,6 +85,7 @@ async def fly_log(request: Request, registry: Registry, settings: SettingsOf, re
         part = error.field.removeprefix("parameters.log").removeprefix(".")
         places = [part] if part in ("antenna", *FILES) else FILES
         raise Refused(409, str(error), [at([place], str(error)) for place in places]) from None
+    await kept_for(request, experiment)
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
     return await experiment.state()
 

@@ -71,7 +71,7 @@ async def get_series(query: Annotated[SeriesQuery, Query()], experiment: Live, r
     if kind is None:
         raise Refused(406, f"series can be had as {JSON}, {CSV} or {PARQUET}, not as {accept}")
     names = None if query.signals is None else [name.strip() for name in query.signals.split(",") if name.strip()]
-    known = {signal.name for signal in experiment.description.signals}
+    known = experiment.signals
     for name in names or ():
         if name not in known:
             close = negotiation.near(name, known)

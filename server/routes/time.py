@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 
 from ftcore import CommandError, Simulation
+from server.advances import for_as_long_as_the_client_listens
 from server.dependencies import Live, SettingsOf
 from server.models import Advance, Advanced, ClockChange, EventState, ExperimentState, Rewind
 from server.problems import Refused, at, documented
@@ -17,17 +18,28 @@ ERRORS = documented(400, 404, 409, 413, 415, 422)
 
 @router.patch("/clock", operation_id="setClock", summary="Run, pause, or change the speed", responses=ERRORS)
 async def set_clock(body: ClockChange, experiment: Live) -> ExperimentState:
-    """A running experiment keeps pace with the wall clock, ``speed`` seconds of flight a second."""
+    """A running experiment keeps pace with the wall clock, ``speed`` seconds of flight a second.
+
+    ``paused`` also stops an advance, after the epoch that is under way; ``running`` is refused while one flies.
+    """
     given = body.model_fields_set
     experiment.set_clock(body.state if "state" in given else None, body.speed if "speed" in given else None)
     return await experiment.state()
 
 
-@router.post("/advance", operation_id="advanceExperiment", summary="Fly on, as fast as it goes", responses=ERRORS)
-async def advance_experiment(body: Advance, experiment: Live, settings: SettingsOf) -> Advanced:
+@router.post(
+    "/advance",
+    operation_id="advanceExperiment",
+    summary="Fly on, as fast as it goes",
+    responses=ERRORS | documented(410, 503),
+)
+async def advance_experiment(body: Advance, experiment: Live, settings: SettingsOf, request: Request) -> Advanced:
     """Answers when it is there: the state, what happened on the way, and the last value of every signal.
 
-    Never flies past the end. The result is the same to the bit as with any other way of getting there.
+    Never flies past the end. The result is the same to the bit as with any other way of getting there. Meanwhile the
+    clock says `advancing`; faults, switches and settings take effect between two epochs. A client that hangs up stops
+    its advance, and so do a paused clock and a rewind (both: 409, which says where), a deletion (410), and the end of
+    the server (503). A second advance is refused (409) while one flies.
     """
     first_event = 0
 
@@ -41,18 +53,20 @@ async def advance_experiment(body: Advance, experiment: Live, settings: Settings
             raise Refused(409, most, [at([field], most)])
         return epoch
 
-    await experiment.advance(goal)
-
     def outcome(simulation: Simulation) -> Advanced:
         events = [EventState.model_validate(e, from_attributes=True) for e in simulation.events[first_event:]]
         return Advanced(experiment=experiment.describe(simulation), events=events, latest=numbers(simulation.latest()))
 
-    return await experiment.read(outcome)
+    async with for_as_long_as_the_client_listens(request) as advance:
+        return await experiment.advance(advance, goal, outcome)
 
 
 @router.post("/rewind", operation_id="rewindExperiment", summary="Go back", responses=ERRORS)
 async def rewind_experiment(body: Rewind, experiment: Live) -> ExperimentState:
-    """To an earlier moment, as it was when the clock left it. What came later is forgotten; the clock stops."""
+    """To an earlier moment, as it was when the clock left it. What came later is forgotten; the clock stops.
+
+    An advance that flies meanwhile ends.
+    """
     await experiment.rewind(body.to)
     return await experiment.state()
 

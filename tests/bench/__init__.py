@@ -1,1 +1,1 @@
-"""What FTLab costs, and beside whom: `python -m tests.bench` prints a table, `test_figures.py` asserts the targets."""
+"""What FTLab costs, and beside whom: `python -m tests.bench` prints a table, each target met or missed."""

@@ -47,10 +47,10 @@ def by_epochs(scenario: Scenario, runs: int = 1, most: int | None = None) -> Pie
         yield sim.step()
 
 
-def alone(scenario: Scenario, allowed: float, tries: int) -> Taken:
-    """Flying one run, everything on, until it is done in the seconds allowed."""
+def alone(scenario: Scenario, tries: int) -> Taken:
+    """Flying one run, everything on."""
     Simulation(scenario).advance(epochs=3)
-    return best(lambda: by_epochs(scenario, most=MOST_EPOCHS), allowed, tries)
+    return best(lambda: by_epochs(scenario, most=MOST_EPOCHS), tries)
 
 
 def cost(scenario: Scenario, rounds: int) -> tuple[float, float]:
@@ -73,7 +73,7 @@ def figures(rounds: int) -> list[Figure]:
         scenario = default_scenario(system.id)
         one, many = cost(scenario, rounds)
         together = BATCH * flown(scenario, BATCH_EPOCHS)
-        time, single = flown(scenario), alone(scenario, 0.0, 3 * rounds)
+        time, single = flown(scenario), alone(scenario, 3 * rounds)
         found += [
             Figure(
                 system.id,

@@ -13,11 +13,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pytest
 
 Call = Callable[[], Any]
 Pieces = Iterator[Any]
@@ -154,40 +152,14 @@ def taken(pieces: Pieces) -> Taken:
     return Taken(whole, whole / at_reference)
 
 
-def best(make: Callable[[], Pieces], allowed: float, tries: int) -> Taken:
-    """The try that took least, and the pace while it was taken; no more tries once that is allowed.
+def best(make: Callable[[], Pieces], tries: int) -> Taken:
+    """The try that took least, and the pace while it was taken.
 
     Chosen by what it took, not by what it would take at the reference pace: a disturbed yardstick favours nobody.
     """
-    quickest = taken(make())
-    for _ in range(tries - 1):
-        if quickest.at_reference <= allowed:
-            break
-        quickest = min(quickest, taken(make()), key=lambda t: t.seconds)
-    return quickest
+    return min((taken(make()) for _ in range(tries)), key=lambda t: t.seconds)
 
 
-def reached(met: bool, said: str) -> None:
-    """Fail where a figure was not reached; skip, with what was measured, where others keep the machine busy meanwhile.
-
-    Hyper-threads and caches are shared, so even processor time grows by half beside a neighbour.
-    """
-    print(said)
-    if met:
-        return
-    if busy_share() > 0.5:
-        pytest.skip(f"others keep this machine busy; {said}")
-    raise AssertionError(said)
-
-
-def busy_share(seconds: float = 1.0) -> float:
-    """How much of this machine others are using while this process sleeps; 0 where it cannot be told."""
-
-    def ticks() -> tuple[int, int]:
-        numbers = [int(text) for text in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:]]
-        return sum(numbers) - numbers[3] - numbers[4], sum(numbers)
-
-    if not Path("/proc/stat").exists():
-        return 0.0
-    (busy, whole), _, (later, whole_later) = ticks(), time.sleep(seconds), ticks()
-    return (later - busy) / max(1, whole_later - whole)
+def percentile(values: Sequence[float], share: float) -> float:
+    """The value that ``share`` of all are below."""
+    return sorted(values)[min(len(values) - 1, int(share * len(values)))]

@@ -51,7 +51,7 @@ class Lab:
         request = urllib.request.Request(
             f"{self.base}/api/v1{path}", data, {"content-type": "application/json"}, method=method
         )
-        with urllib.request.urlopen(request, timeout=60) as answer:
+        with urllib.request.urlopen(request, timeout=300) as answer:
             return json.loads(answer.read() or b"null")
 
     @property

@@ -9,7 +9,7 @@ from .lab import Lab
 
 def test_the_scene_is_drawn_and_the_viewers_panel_is_hidden(lab: Lab) -> None:
     frame = lab.page.frame_locator("ft-scene iframe")
-    expect(frame.locator("canvas").first).to_be_visible(timeout=40_000)
+    expect(frame.locator("canvas").first).to_be_visible(timeout=120_000)
     for panel in ("[data-floating-window]", "#root .mantine-Paper-root", "#webgl-software-rendering"):
         for found in frame.locator(panel).all():
             expect(found).to_be_hidden()

@@ -170,7 +170,7 @@ def test_a_run_can_be_taken_away(lab: Lab, tmp_path: Path) -> None:
     lab.page.get_by_role("button", name="Export", exact=True).click()
     with lab.page.context.expect_page() as report:
         lab.page.get_by_role("button", name="Report").click()
-    expect(report.value.locator("body")).to_contain_text("Score", timeout=30_000)
+    expect(report.value.locator("body")).to_contain_text("Score", timeout=120_000)
     report.value.close()
 
 

@@ -144,7 +144,7 @@ def test_only_an_isolation_by_the_state_form_is_forgotten_and_only_where_isolati
 
     assert forgets(master="federated", driving_test="two-propagator-state")
     assert forgets(exclusion="isolation", driving_test="two-propagator-state")
-    assert not forgets(driving_test="two-propagator-state"), "002: q of each second alone weighs an aid"
+    assert not forgets(driving_test="two-propagator-state"), "Yang 2016: q of each second alone weighs an aid"
     assert not forgets(master="federated")
 
 

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from ftcore.faults import ALL_KINDS, KINDS, ChannelAddress, Fault, FaultError, FaultMemory, apply, check
+from ftcore.faults import ALL_KINDS, KINDS, ChannelAddress, Fault, FaultError, check
+from ftcore.injection import FaultMemory, apply
 from ftcore.noise import NoiseSource
 from ftcore.readings import Group, Readings
 
@@ -38,7 +39,7 @@ def fly(faults, epochs, noise=None):
     memory, out = FaultMemory(), []
     noise = noise or NoiseSource(1, range(RUNS))
     for epoch in range(1, epochs + 1):
-        memory, readings = apply(faults, CHANNELS, memory, clean(epoch), noise, epoch, 1.0)
+        memory, readings, _ = apply(faults, CHANNELS, memory, clean(epoch), noise, epoch, 1.0)
         out.append(readings)
     return out
 
@@ -110,7 +111,7 @@ def test_given_a_random_walk_then_its_variance_grows_with_time():
         reading = Readings(
             float(epoch), {"a.q": Group(np.zeros((2000, 2)), np.ones((1, 2), bool), np.asarray(float(epoch)))}
         )
-        memory, flown = apply([fault("random-walk", 2.0, start=0.5)], CHANNELS, memory, reading, noise, epoch, 1.0)
+        memory, flown, _ = apply([fault("random-walk", 2.0, start=0.5)], CHANNELS, memory, reading, noise, epoch, 1.0)
     # Standard deviation 2 sqrt(16) = 8; with 2000 runs 4.5 sigma is 7 %.
     assert abs(flown["a.q"].values[:, 0].std() / 8.0 - 1.0) < 0.075
 
@@ -195,6 +196,83 @@ def test_given_a_fault_the_channel_cannot_take_then_it_is_refused_with_the_reaso
 def test_given_a_malformed_fault_then_it_is_refused(wrong):
     with pytest.raises(ValidationError):
         Fault(**({"channel": "a.q.1", "kind": "bias", "magnitude": 1.0} | wrong))
+
+
+# ---- what acts, and what does not
+
+
+def effects(faults, epochs, reading=clean):
+    """Per epoch: fault id -> (acts, why not)."""
+    memory, noise, found = FaultMemory(), NoiseSource(1, range(RUNS)), []
+    for epoch in range(1, epochs + 1):
+        memory, _, effect = apply(faults, CHANNELS, memory, reading(epoch), noise, epoch, 1.0)
+        found.append({id: (bool(e.changed[0].any()), e.because) for id, e in effect.items()})
+    return found
+
+
+@given(
+    kind=st.sampled_from(ALL_KINDS),
+    start=st.floats(0, 6),
+    length=st.floats(0.01, 5),
+    magnitude=st.floats(1e-18, 5.0),
+    other=st.sampled_from([None, *ALL_KINDS]),
+)
+def test_given_any_fault_then_it_acts_where_the_readings_differ_from_those_without_it_and_else_says_why(
+    kind, start, length, magnitude, other
+):
+    one = fault(kind, magnitude, start=start, end=start + length)
+    others = [] if other is None else [fault(other, 2.0, start=3.0, id="f2")]
+    with_it, without = fly([one, *others], 10), fly(others, 10)
+    for now, got, want in zip(effects([one, *others], 10), with_it, without, strict=True):
+        valid = got["a.q"].valid[0, 0], want["a.q"].valid[0, 0]
+        differs = valid[0] != valid[1] or (valid[0] and got["a.q"].values[0, 0] != want["a.q"].values[0, 0])
+        acts, because = now.get("f1", (False, "not live"))
+        repeated = kind == other == "dropout" and acts  # the first of two acts, though the second would do it too
+        assert acts == differs or repeated
+        assert (because is None) == acts
+
+
+@pytest.mark.parametrize(
+    ("faults", "says"),
+    [
+        ([fault("bias", 1e-18)], "below the last bit"),
+        ([fault("ramp", 1.0)], "the ramp is zero"),
+        ([fault("sine", 1.0)], "the sine is zero"),
+        ([fault("outliers", 1.0, rate=1e-9)], "no spike"),
+        ([fault("delay", 1.0, start=1.0)], "nothing older"),
+        ([fault("stuck", start=1.0)], "the very value that is held"),
+        ([fault("bias", 1.0), fault("dropout", id="f2")], "dropout f2 covers it"),
+        ([fault("bias", 1.0), fault("stuck", id="f2", channel="a.q.all")], "stuck fault f2 covers it"),
+        ([fault("stuck"), fault("stuck", id="f2")], "stuck fault f2 covers it"),
+    ],
+)
+def test_given_a_fault_that_changes_nothing_then_it_says_why(faults, says):
+    epoch = 1 if faults[0].start == 1.0 else 3
+    acts, because = effects(faults, epoch)[-1]["f1"]
+    assert not acts
+    assert says in because
+
+
+def test_given_a_reading_that_is_not_there_then_a_fault_does_not_act():
+    def absent(epoch):
+        there = clean(epoch)
+        group = there["a.q"]
+        return Readings(
+            there.time, {**there.groups, "a.q": Group(group.values, np.array([[False, True]]), group.times)}
+        )
+
+    for kind in ALL_KINDS:
+        acts, because = effects([fault(kind, 1.0, rate=1.0)] if kind == "outliers" else [fault(kind, 1.0)], 5, absent)[
+            -1
+        ]["f1"]
+        assert not acts
+        assert "not in view" in because
+
+
+def test_given_two_dropouts_or_two_stuck_faults_then_one_of_them_acts():
+    for kind in ("dropout", "stuck"):
+        last = effects([fault(kind), fault(kind, id="f2")], 5)[-1]
+        assert [acts for acts, _ in last.values()].count(True) == 1
 
 
 def test_every_kind_says_what_it_does():

@@ -12,8 +12,6 @@ from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXCLUDED, NO_FIX
 from ftcore.faults import KINDS
 from ftcore.systems.gps_receiver.names import ESTIMATORS, SLOTS
-from tests.bench.flights import by_epochs
-from tests.bench.measure import best, reached
 
 DESCRIPTION = catalogue.system("gps-receiver")
 CHEY = Scenario.load("chey-2004")
@@ -370,15 +368,3 @@ def test_every_ready_scenario_flies_and_scores(name):
     sim = Simulation(Scenario.load(name)).advance()
     assert sim.finished
     assert sim.score().headline
-
-
-# ---- cost
-
-
-@pytest.mark.alone
-def test_given_one_run_or_a_hundred_then_they_are_flown_in_the_time_allowed():
-    """0.2 s and 2 s of processor time. Others on the machine cost cache and so time: the best of many counts."""
-    Simulation(CHEY).advance(until=5.0)
-    one, many = best(lambda: by_epochs(CHEY), 0.2, 30), best(lambda: by_epochs(CHEY, 100), 2.0, 5)
-    said = f"100 s in {one}, 100 runs of them in {many}"
-    reached(one.at_reference <= 0.2 and many.at_reference <= 2.0, said)

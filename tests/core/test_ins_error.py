@@ -33,7 +33,6 @@ from ftcore.estimation.ins_error import (
 from ftcore.estimation.strapdown import InsState, Interval, damp_vertical, damping_gains, propagate
 from ftcore.rotation import rpy_to_matrix
 from ftcore.world.trajectory import Climb, SpeedChange, Straight, Trajectory, Turn, build
-from tests.bench.measure import best, once
 
 STEP, SAMPLES = 0.025, 40
 K1, K2 = damping_gains(30.0)
@@ -315,20 +314,3 @@ def test_given_the_names_when_counted_then_they_fit_the_slices() -> None:
         assert all(name.startswith(prefix) for name in STATE_NAMES[part])
     assert STATE_NAMES[ins_error.DOPPLER_SCALE] == "doppler.scale"
     assert STATE_NAMES[ins_error.CLOCK_FREQUENCY] == "clock.frequency"
-
-
-@pytest.mark.alone
-def test_given_one_run_when_an_epochs_matrices_are_made_then_it_takes_less_than_a_quarter_millisecond(
-    manoeuvre: Trajectory,
-) -> None:
-    interval = flown(manoeuvre)
-
-    def matrices() -> None:
-        F = system_matrix(interval)
-        transition(F, 1.0)
-        damping_transition(interval.lla[:, 2], 1.0, K1, K2)
-        process_noise(F, noise_density(interval, DENSITIES), 1.0)
-
-    least = best(lambda: once(matrices), 2.5e-4, 300)
-    print(f"F, Phi, D, Q: {least}")
-    assert least.at_reference < 2.5e-4

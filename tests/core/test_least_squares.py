@@ -10,7 +10,8 @@ from scipy.stats import chi2
 
 from ftcore import earth
 from ftcore.estimation import atmosphere, least_squares
-from ftcore.estimation.least_squares import cold_start, geometry, hdop, solve
+from ftcore.estimation.first_fix import cold_start, first_fix
+from ftcore.estimation.least_squares import geometry, hdop, solve
 from ftcore.world import constellation
 
 SEOUL = np.array([math.radians(37.5665), math.radians(126.978), 50.0])
@@ -112,9 +113,9 @@ def test_given_nothing_but_pseudoranges_then_a_cold_start_finds_the_receiver():
     runs = 5
     clock = np.linspace(-3e5, 3e5, runs)[:, None]
     measured = seen(satellites).range + clock
-    position, found = cold_start(measured, satellites, np.ones((runs, 8), bool))
-    assert found.all()
-    np.testing.assert_allclose(position, np.broadcast_to(POSITION_E, position.shape), atol=1e-4)
+    start = cold_start(measured, satellites, np.ones((runs, 8), bool))
+    assert start.checked.all()
+    np.testing.assert_allclose(start.position, np.broadcast_to(POSITION_E, start.position.shape), atol=1e-4)
 
 
 def test_given_a_gross_fault_or_three_satellites_then_a_cold_start_says_so():
@@ -123,7 +124,32 @@ def test_given_a_gross_fault_or_three_satellites_then_a_cold_start_says_so():
     measured[0, 2] += 1e9
     valid = np.ones((2, 8), bool)
     valid[1, 3:] = False
-    assert not cold_start(measured, satellites, valid)[1].any()
+    assert not cold_start(measured, satellites, valid).found.any()
+
+
+@pytest.mark.parametrize("size", [1e3, 3e4, 1e5, 299792.458, -299792.458, 1e7, -1e9, 1e12])
+def test_given_any_one_or_two_wrong_satellites_then_the_first_fix_is_right(size):
+    """One of eight in turn, then every two of them, by the size and by half of it: 36 runs side by side."""
+    satellites = sky()
+    wrong = [(i, j) for i in range(8) for j in range(i, 8)]
+    measured = np.repeat(seen(satellites).range + 1e4, len(wrong), axis=0)
+    for run, (i, j) in enumerate(wrong):
+        measured[run, i] += size
+        measured[run, j] += 0.5 * size if i != j else 0.0
+    start = first_fix(measured, satellites, np.ones((len(wrong), 8), bool))
+    assert start.checked.all()
+    # What the atmosphere could be is not gross: then it is a place to work from, and the tests find the culprit there.
+    assert np.linalg.norm(start.position - POSITION_E, axis=-1).max() < (2.0 * size if size == 1e3 else 1e-3)
+
+
+def test_given_too_few_satellites_to_tell_then_the_first_fix_is_not_called_checked():
+    satellites = sky()
+    measured = np.repeat(seen(satellites).range, 2, axis=0)
+    measured[:, 2] += 3e5
+    valid = np.zeros((2, 8), bool)
+    valid[0, :5], valid[1, :4] = True, True
+    start = first_fix(measured, satellites, valid)
+    assert not start.checked.any()
 
 
 def test_given_seoul_at_the_first_epoch_with_eight_then_hdop_is_as_known():

@@ -13,7 +13,6 @@ from ftcore.systems.gps_receiver.names import SATELLITES
 from ftcore.systems.gps_receiver.plant import LogPlant, held
 from tests.synthetic_log import ANTENNA, Files, files
 
-pytest.importorskip("georinex", reason="georinex is not installed")
 EPOCHS, INTERVAL = 40, 30.0
 SEEN = "G10"
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from ftcore import Fault, Scenario, Simulation, earth
 from ftcore.readings import Group, Readings
-from ftcore.sensors import broadcast, rinex
+from ftcore.sensors import broadcast, rinex, rinex_navigation
 from ftcore.sensors.rinex import LogError
 from ftcore.systems.base import Controls
 from ftcore.systems.gps_receiver.forms import Log, Parameters, Settings
@@ -22,7 +23,6 @@ FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "rinex"
 OBSERVATION, NAVIGATION = FOLDER / "30400920.05o", FOLDER / "30400920.05n"
 ANTENNA = (-3978241.958, 3382840.234, 3649900.853)
 
-pytest.importorskip("georinex", reason="georinex is not installed")
 real = pytest.mark.skipif(not OBSERVATION.is_file(), reason="the receiver log ../shared/data/rinex is not here")
 
 
@@ -41,8 +41,7 @@ def files():
 
 @real
 def test_given_the_log_then_every_pseudorange_is_what_georinex_reads(log):
-    import georinex
-
+    georinex = pytest.importorskip("georinex", reason="georinex, the oracle, is not installed")
     with pytest.warns(FutureWarning):
         data = georinex.load(OBSERVATION, use="G")
     expected = np.full((120, 32), np.nan)
@@ -52,24 +51,23 @@ def test_given_the_log_then_every_pseudorange_is_what_georinex_reads(log):
     np.testing.assert_allclose(log.approximate, [-3978242.4348, 3382841.1715, 3649902.7667])
     # The receiver's own time tags, which run away from the even second by milliseconds: 2005-04-02 is a Saturday.
     assert log.week_seconds[0] == 6 * 86400.0
-    assert log.week_seconds[-1] == pytest.approx(6 * 86400.0 + 3569.995, abs=2e-6)
+    assert log.week_seconds[-1] == pytest.approx(6 * 86400.0 + 3569.996, abs=2e-7)
 
 
 @real
 def test_given_the_ephemerides_then_satellites_are_where_georinex_puts_them(files):
     """georinex takes one step on Kepler's equation, so it is within e^2 A / 2 of the orbit and no closer."""
-    import georinex
-
+    georinex = pytest.importorskip("georinex", reason="georinex, the oracle, is not installed")
     data = georinex.load(NAVIGATION)
-    e = rinex._ephemerides(rinex.rinex_text.navigation(files[1].decode()))
+    e = rinex_navigation.read(files[1]).ephemerides
     checked = 0
     for prn in (3, 7, 19, 28):
         own = data.sel(sv=f"G{prn:02d}").drop_vars("sv").dropna(dim="time", how="all")
         expected = np.stack(georinex.keplerian2ecef(own), axis=-1)
         for k, moment in enumerate(own.time.values):
             time = np.array([float((moment - np.datetime64("1980-01-06")) / np.timedelta64(1, "ns")) * 1e-9])
-            index = e.nearest(prn, time)
-            if e.toc[index[0]] == time[0]:
+            index = np.flatnonzero((e.prn == prn) & (e.toc == time[0]))[:1]
+            if len(index):
                 position, _ = broadcast.states(e, index, time)
                 within = 0.6 * (e.values["Eccentricity"] * e.values["sqrtA"])[index] ** 2 + 5.0
                 assert np.linalg.norm(position[0] - expected[k]) < within
@@ -79,7 +77,7 @@ def test_given_the_ephemerides_then_satellites_are_where_georinex_puts_them(file
 
 @real
 def test_given_two_sets_of_one_satellite_then_they_agree_where_both_hold(files):
-    e = rinex._ephemerides(rinex.rinex_text.navigation(files[1].decode()))
+    e = rinex_navigation.read(files[1]).ephemerides
     apart = []
     for prn in range(1, 33):
         own = np.flatnonzero(e.prn == prn)
@@ -162,15 +160,19 @@ def broken(files, which):
         "empty-navigation": (o, b" \n", "navigation file is empty"),
         "text": (b"hello\n", n, "not a RINEX file"),
         "bytes": (bytes(range(256)) * 40, n, "not a RINEX file"),
-        "packed": (b"\x1f\x8b\x08" + o, n, "compressed"),
+        "packed": (b"\x1f\x8b\x08" + o, n, "gzip packing is damaged"),
         "hatanaka": (
             b"1.0                 COMPACT RINEX FORMAT                    CRINEX VERS   / TYPE\n",
             n,
-            "crx2rnx",
+            "Hatanaka packing is damaged",
         ),
         "version-4": (o.replace(b"     2.10", b"     4.00", 1), n, "RINEX 4.00; versions 2 and 3"),
         "swapped": (n, o, "observation file is a GPS navigation file"),
-        "glonass": (o, n.replace(b"N: GPS NAV DATA", b"G: GLONASS NAV ", 1), "navigation file is another kind"),
+        "glonass": (
+            o,
+            n.replace(b"N: GPS NAV DATA", b"G: GLONASS NAV ", 1),
+            "is a GLONASS navigation file, another kind",
+        ),
         "no-header-end": (o[:900], n, "header does not end"),
         "truncated": (o[: len(o) // 2], n, "truncated|corrupt at line"),
         "truncated-line": ("".join(lines[:40]).encode() + lines[40][:9].encode(), n, "truncated|corrupt at line 41"),
@@ -179,7 +181,7 @@ def broken(files, which):
         "garbled-epoch": (o.replace(b" 05  4  2  0  1  0.0", b" 05  4  2  0  ?  0.0", 1), n, "corrupt at line"),
         "garbled-count": (o.replace(b"  0  9G 3G", b"  0 99G 3G", 1), n, "corrupt|truncated"),
         "garbled-ephemeris": (o, n.replace(b"5.153730749130D+03", b"5.15373074913?D+03", 1), "corrupt at line"),
-        "no-orbit": (o, n.replace(b"5.153730749130D+03", b"0.000000000000D+00", 1), "no GPS satellite can have"),
+        "no-orbit": (o, re.sub(rb"5\.15\d{10}D\+03", b"0.000000000000D+00", n), "no GPS satellite can have"),
         "nul": (o.replace(b"COMMENT", b"COMM\xff\0T", 1), n, "bytes that are no text"),
         "another-day": (o, n.replace(b" 05  4  2 ", b" 05  5  9 ").replace(b" 05  4  1 ", b" 05  5  8 "), "belong"),
         "no-epochs": (HEADER_2.encode(), n, "no pseudorange"),
@@ -188,11 +190,11 @@ def broken(files, which):
             HEADER_2.encode()
             + b"".join(
                 f" 05  4  2 {m // 60:2d} {m % 60:2d}{s:11.7f}  0  1G 3\n  24801780.917\n".encode()
-                for m in range(61)
+                for m in range(145)
                 for s in range(60)
             ),
             n,
-            "more than 3600 epochs",
+            "more than 8640 epochs",
         ),
         "too-far-apart": (
             HEADER_2.encode()
@@ -252,7 +254,7 @@ def test_given_no_such_file_or_a_huge_one_then_one_clear_sentence(tmp_path):
     huge = tmp_path / "huge.05o"
     with huge.open("wb") as file:
         file.truncate(rinex.MAX_OBSERVATION_BYTES + 1)
-    with pytest.raises(LogError, match=r"20\.0 MB; at most 20 MB"):
+    with pytest.raises(LogError, match=r"64\.0 MB; at most 64 MB"):
         rinex.read(str(huge), str(huge))
 
 
@@ -268,12 +270,6 @@ def test_given_a_server_then_only_bare_names_in_its_folder_are_read(tmp_path):
             rinex.read("mine.05o", "mine.05n")
     finally:
         rinex.restrict(None)
-
-
-def test_given_georinex_is_absent_then_it_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "georinex", None)
-    with pytest.raises(LogError, match=r"install ftlab\[rinex\]"):
-        rinex._georinex()
 
 
 @real

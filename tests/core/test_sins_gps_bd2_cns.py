@@ -1,4 +1,4 @@
-"""SINS/GPS/BD2/CNS: the house's five ideas, the mechanics of 002's algorithm, and what the parts do to each other."""
+"""SINS/GPS/BD2/CNS: the house's five ideas, Yang 2016's algorithm, and what its parts do to each other."""
 
 import json
 from dataclasses import replace
@@ -152,7 +152,7 @@ def test_what_is_recorded_is_what_is_described():
     assert set(DESCRIPTION.estimators) == set(ESTIMATORS)
 
 
-# ---- the mechanics of 002
+# ---- the mechanics of Yang 2016
 
 
 def test_the_reference_is_never_a_propagator_that_was_just_reset():

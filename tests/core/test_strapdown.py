@@ -13,7 +13,6 @@ from ftcore.estimation.ins_error import correct, navigation_error
 from ftcore.estimation.strapdown import InsState, damp_vertical, damping_gains, propagate
 from ftcore.rotation import matrix_to_rotvec, matrix_to_rpy, rotvec_to_matrix, rpy_to_matrix
 from ftcore.world.trajectory import Climb, SpeedChange, Straight, Trajectory, Turn, build
-from tests.bench.measure import best, once
 
 START = (np.radians(40.0), np.radians(116.0), 5000.0)
 
@@ -296,19 +295,6 @@ def test_given_gains_per_run_when_damped_then_only_runs_with_an_altimeter_move()
     damped = damp_vertical(state, np.array([0.0, np.float64(0.0)]), 1.0, np.array([0.5, 0.0]), np.array([0.1, 0.0]))
     np.testing.assert_allclose(damped.lla[:, 2], [5.0, 10.0])
     np.testing.assert_allclose(damped.v_n[:, 2], [-1.0, 0.0])
-
-
-@pytest.mark.alone
-@pytest.mark.parametrize(("runs", "limit"), [(1, 0.35e-3), (100, 3e-3)])
-def test_given_a_second_of_40_samples_when_integrated_then_it_is_fast(
-    manoeuvre: Trajectory, runs: int, limit: float
-) -> None:
-    """Best of many: a busy machine only makes it slower. The limits are the design's budget."""
-    omega, f = (np.repeat(x[None, :40], runs, axis=0) for x in (manoeuvre.omega_b, manoeuvre.f_b))
-    state = InsState(*(np.repeat(x, runs, axis=0) for x in (lambda s: (s.lla, s.v_n, s.C_nb))(state_at(manoeuvre, 0))))
-    least = best(lambda: once(lambda: propagate(state, omega, f, 0.025)), limit, 200)
-    print(f"{runs} runs: {least}")
-    assert least.at_reference < limit
 
 
 def test_given_the_attitude_of_truth_when_read_as_angles_then_it_is_the_truths(manoeuvre: Trajectory) -> None:

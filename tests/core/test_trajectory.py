@@ -12,7 +12,6 @@ from ftcore.estimation.strapdown import InsState, propagate
 from ftcore.rotation import matrix_to_rotvec, rotvec_to_matrix
 from ftcore.world import path, trajectory
 from ftcore.world.trajectory import Climb, Hold, Segment, SpeedChange, Straight, Trajectory, Turn, build, plan
-from tests.bench.measure import once, taken
 
 START = (np.radians(40.0), np.radians(116.0), 5000.0)
 
@@ -139,16 +138,6 @@ def test_given_any_flight_when_differentiated_twice_then_velocity_attitude_and_i
             worst[name, dt] = np.abs(np.diff(getattr(flight, name), n=2, axis=0)).max()
     for name in ("v_n", "omega_b", "f_b"):
         assert worst[name, 0.02] / worst[name, 0.01] > 3.3, name
-
-
-@pytest.mark.alone
-def test_given_an_hour_at_100_hz_when_built_then_it_takes_seconds() -> None:
-    flights: list[Trajectory] = []
-    legs = [*HARD, *HARD, *HARD, Straight(duration=900.0)]
-    took = taken(once(lambda: flights.append(build(START, 250.0, 0.0, legs, 0.01))))
-    print(f"{flights[0].duration:.0f} s of flight at 100 Hz built in {took}")
-    assert flights[0].duration > 3600.0
-    assert took.at_reference < 15.0
 
 
 def test_given_a_long_flight_when_made_in_blocks_then_the_joints_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,6 +58,15 @@ def covering(choices: Choices, whole: Choices) -> list[Combination]:
     while missing:
         choose(candidates)
     return chosen
+
+
+def few_at_once(chosen: list[Combination], quick: int = 5) -> list[Any]:
+    """The same as parameters of a test: ``quick`` of them spread over the list, the others among the long tests."""
+    every_so_many = max(1, len(chosen) // quick)
+    return [
+        pytest.param(combination, marks=[] if i % every_so_many == 0 else [pytest.mark.long])
+        for i, combination in enumerate(chosen)
+    ]
 
 
 def name(combination: Combination) -> str:
@@ -185,7 +195,7 @@ DOPPLER_MATRIX = {n: DOPPLER_SYSTEM[n] for n in ("master", "driving_test")} | {"
 """Its IMU is always the redundant one: with its fault detection on, or nothing can be said of the estimate."""
 
 
-@pytest.mark.parametrize("combination", covering(DOPPLER_SYSTEM, DOPPLER_MATRIX), ids=name)
+@pytest.mark.parametrize("combination", few_at_once(covering(DOPPLER_SYSTEM, DOPPLER_MATRIX)), ids=name)
 def test_given_any_combination_then_sins_gps_doppler_ends_finite_consistent_and_with_the_right_one_out(combination):
     """Four runs: a wrong isolation comes by chance in 2e-4 of runs."""
     check_doppler_system(combination)
@@ -258,7 +268,7 @@ def check_star_system(combination: Combination) -> None:
         assert_consistent(sim, time)
 
 
-@pytest.mark.parametrize("combination", covering(STAR_SYSTEM, STAR_MATRIX), ids=name)
+@pytest.mark.parametrize("combination", few_at_once(covering(STAR_SYSTEM, STAR_MATRIX)), ids=name)
 def test_given_any_combination_then_sins_gps_bd2_cns_ends_finite_consistent_and_with_the_right_one_out(combination):
     check_star_system(combination)
 

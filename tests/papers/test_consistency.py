@@ -30,6 +30,7 @@ def test_given_nothing_fails_then_every_filter_that_is_not_inflated_is_consisten
     assert low <= found.min() <= found.max() <= high, found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", ["zhang-1992-visible", "zhang-1992"])
 def test_given_both_failures_then_the_fused_estimate_still_knows_how_wrong_it_is(scenario):
     """False failure 1e-4, and what a withheld measurement more or less does to it."""
@@ -38,10 +39,12 @@ def test_given_both_failures_then_the_fused_estimate_still_knows_how_wrong_it_is
     assert low <= found.min() <= found.max() <= high, found
 
 
+@pytest.mark.long
 def test_given_a_failure_then_who_believes_it_does_not_know_how_wrong_it_is():
     assert mean_nees("zhang-1992-visible", "gps")[-1] > 10.0
 
 
+@pytest.mark.long
 def test_given_inflated_local_filters_then_the_fused_estimate_is_conservative_but_not_absurdly():
     """The bound (27): P is at least the true covariance, so NEES / dof is at most one, in the mean over 100 runs with
     its band. It is hardly less: what is inflated is P(0) and Q, and the fused estimate lives of measurements."""
@@ -50,6 +53,7 @@ def test_given_inflated_local_filters_then_the_fused_estimate_is_conservative_bu
     assert 0.5 <= found.min() <= found.max() <= high, found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", ["position.up", "velocity.east", "attitude.up"])
 def test_given_inflated_local_filters_then_sigma_is_never_below_that_of_the_optimal_filter(part):
     """On the same noise; the median of the runs, which no false alarm touched. Exact, not statistical."""
@@ -91,6 +95,7 @@ def test_given_gps_is_the_only_aid_when_an_instrument_is_put_out_then_the_fused_
         np.testing.assert_allclose(ratio, 1.0, rtol=1e-6, err_msg=part)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "mode",
     [

@@ -53,8 +53,8 @@ def assert_as_theory_says(size: float, alarms: np.ndarray, theory: np.ndarray) -
 
 @pytest.fixture(scope="module")
 def few() -> dict[float, tuple[np.ndarray, np.ndarray]]:
-    """500 first epochs."""
-    return first_epoch(RUNS, 35, range(20, 70, 10))
+    """200 first epochs."""
+    return first_epoch(40, 35, range(20, 70, 10))
 
 
 @pytest.fixture(scope="module")

@@ -127,6 +127,7 @@ def test_a_single_axis_fault_needs_no_ukf():
     np.testing.assert_allclose(FI[[0, 2]], 45.0, atol=3.0)
 
 
+@pytest.mark.long
 def test_every_singular_direction_is_told_apart_and_every_gyro_trusted_again():
     sim = fly("kim-2005-singular", runs=5)
     order = [1, 1, 2, 2, 3, 3]
@@ -139,6 +140,7 @@ def test_every_singular_direction_is_told_apart_and_every_gyro_trusted_again():
     assert sim["protected.distance"].max() < 10.0
 
 
+@pytest.mark.long
 def test_two_failures_one_after_the_other_are_both_placed():
     sim = fly("kim-2005-two-failures", runs=8)
     found = isolations(sim)
@@ -148,6 +150,7 @@ def test_two_failures_one_after_the_other_are_both_placed():
     assert sim["unprotected.distance"][-1].min() > 100.0
 
 
+@pytest.mark.long
 def test_a_slow_drift_is_found_late_and_mostly_placed():
     sim = fly("kim-2005-drift")
     found = isolations(sim)
@@ -156,6 +159,7 @@ def test_a_slow_drift_is_found_late_and_mostly_placed():
     assert np.median(sim["protected.distance"][-1]) < 20.0
 
 
+@pytest.mark.long
 def test_the_ideal_case_is_no_worse_than_with_mismatch(kim):
     ideal = fly("kim-2005-ideal", runs=8)
     assert set(isolations(ideal)) == {(run, 1) for run in range(8)}
@@ -171,6 +175,7 @@ def test_with_a_model_too_far_off_the_ukf_blames_the_innocent():
     assert any(e.kind == "integrity.cannot-isolate" for e in sim.events)
 
 
+@pytest.mark.long
 def test_on_jsbsims_aircraft_gyro_1_is_named_and_the_path_kept_as_well():
     pytest.importorskip("jsbsim", reason="jsbsim is not installed")
     sim = fly("kim-2005-jsbsim")

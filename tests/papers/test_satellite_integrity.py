@@ -12,6 +12,7 @@ from ftcore import Fault, Simulation
 from tests.papers.bands import cluster_size, clustered_band, likeness
 from tests.papers.flights import CALM, RUNS, between, flown, position_rms, prepared, rms, runs_with
 
+pytestmark = pytest.mark.long
 WITH, WITHOUT = "zhang-1992-satellite-integrity", "zhang-1992-visible"
 FAILS, RECOVERS = 50.0, 80.0
 P_FA = 1e-3

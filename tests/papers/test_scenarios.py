@@ -9,6 +9,7 @@ from ftcore import Fault
 from tests.papers.bands import cluster_size, clustered_band, likeness
 from tests.papers.flights import RUNS, between, flown, position_rms, runs_with
 
+pytestmark = pytest.mark.long
 CLOCK, DRIFT, BURST = "gps-clock-jump", "doppler-drift-gps-outage", "false-switch"
 BURST_RUNS = 50
 

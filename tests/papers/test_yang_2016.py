@@ -73,6 +73,7 @@ def test_the_conventional_filter_suffers_from_its_own_rejections_more_than_from_
     assert imm <= 0.01
 
 
+@pytest.mark.long
 def test_table_5_the_hard_failure_is_found_by_1202_s_and_over_by_1263_s():
     """The paper: 1202 and 1260 s. One epoch misses 6 m on three axes of 3 m with probability 0.4; three do with 6 %."""
     sim = flown("yang-2016-scenario-1", until=2530.0)
@@ -86,6 +87,7 @@ def test_table_5_the_hard_failure_is_found_by_1202_s_and_over_by_1263_s():
     assert (used.mean(axis=0) > 0.9).all(), "GPS is trusted again"
 
 
+@pytest.mark.long
 def test_table_5_the_soft_failure_is_found_within_15_s():
     """The paper: 10 s, in one run. 6 m sin(0.05 t) is 2.9 m, one sigma, after 10 s: half of the runs need longer."""
     sim = flown("yang-2016-scenario-1", until=2530.0)
@@ -95,6 +97,7 @@ def test_table_5_the_soft_failure_is_found_within_15_s():
     assert (found < 30.0).all()
 
 
+@pytest.mark.long
 def test_a_failure_of_gps_costs_the_fused_position_less_than_the_unprotected_one():
     sim = flown("yang-2016-scenario-1", until=2530.0)
     rms = {
@@ -119,6 +122,7 @@ def test_figure_16_sigma_follows_the_manoeuvre():
         assert hard > 1.2 * quiet
 
 
+@pytest.mark.long
 def test_with_nothing_but_table_1_in_P0_some_flights_reject_both_satellite_systems_for_good_without_recovery():
     name, span = "yang-2016-scenario-1-printed", (300.0, 600.0)
     lost = {
@@ -147,6 +151,7 @@ def visible() -> Simulation:
     return flown("yang-2016-scenario-2-visible", runs=8)
 
 
+@pytest.mark.long
 def test_figure_14_all_three_aids_have_nearly_all_weight_before_20_minutes():
     """By construction each aid is doubted in 10 % of the epochs and keeps half of its weight in them on average, so the
     mean is about 0.95 per aid; it is the usual state, not the only one."""
@@ -158,6 +163,7 @@ def test_figure_14_all_three_aids_have_nearly_all_weight_before_20_minutes():
     assert np.median(weight) == 1.0
 
 
+@pytest.mark.long
 def test_figure_14_the_sins_flies_alone_while_all_three_fail():
     """46 to 48 min. The paper: always. BD2 reads 8 m sin(0.02 (t - 2400)) too much: less than one sigma from 2850 s on,
     nothing at 2871 s. From then on who believes BD2 is right, so the claim is for the time before."""
@@ -173,6 +179,7 @@ def test_figure_14_the_sins_flies_alone_while_all_three_fail():
     assert before < 0.01
 
 
+@pytest.mark.long
 def test_figure_15_the_model_probabilities_change_while_all_three_fail():
     sim = visible()
     during = between(sim, "probability.large", 2760.0, 2880.0).mean()
@@ -181,6 +188,7 @@ def test_figure_15_the_model_probabilities_change_while_all_three_fail():
     assert during > 2.0 * usual
 
 
+@pytest.mark.long
 def test_figure_16_sigma_grows_while_nobody_is_believed_and_all_is_well_soon_after():
     sim = visible()
     sigma = {t: between(sim, "fused.sigma.attitude.up", t - 1.0, t).mean() for t in (2750.0, 2875.0, 3100.0)}

@@ -102,6 +102,7 @@ def test_schedules_are_of_every_sort():
     assert {len(faults) for faults in all_of_them} == {1, 2, 3}
 
 
+@pytest.mark.long
 def test_given_random_faults_ended_then_everybody_is_back_within_a_minute():
     assert not late(range(4), tuple(AIDS))
 

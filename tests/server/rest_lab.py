@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import toy_system as toy
-import uvicorn
 from fastapi.testclient import TestClient
 
 from server.app import create_app
+from server.serving import GRACE, server_of
 from server.settings import Settings
 
 BASE = "http://127.0.0.1:8000"
@@ -26,8 +26,8 @@ def client_of(settings: Settings | None = None, base: str = BASE) -> TestClient:
     return TestClient(create_app(settings or Settings()), base_url=base, raise_server_exceptions=False)
 
 
-def wait_until(true: Callable[[], bool], seconds: float = 5.0) -> None:
-    """Until something is so; fails if it is not in time."""
+def wait_until(true: Callable[[], bool], seconds: float = 60.0) -> None:
+    """Until something is so. The limit is there for what never comes, not for what comes late."""
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end, f"not so within {seconds} s"
@@ -69,14 +69,13 @@ class Flight:
 class Served:
     """The application on a real port, its loop in a thread."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, grace: float) -> None:
         self.socket = socket.socket()
         self.socket.bind(("127.0.0.1", 0))
         self.port = self.socket.getsockname()[1]
         self.base = f"http://127.0.0.1:{self.port}"
         self.app = create_app(settings)
-        config = uvicorn.Config(self.app, ws="websockets-sansio", ws_per_message_deflate=False, log_level="warning")
-        self.server = uvicorn.Server(config)
+        self.server = server_of(self.app, grace)
         self.loop: asyncio.AbstractEventLoop | None = None
 
     def run(self) -> None:
@@ -88,9 +87,9 @@ class Served:
 
 
 @contextlib.contextmanager
-def served(settings: Settings | None = None) -> Iterator[Served]:
-    """The application on a real port of this machine."""
-    server = Served(settings or Settings())
+def served(settings: Settings | None = None, grace: float = GRACE) -> Iterator[Served]:
+    """The application on a real port of this machine, which gives requests that ``grace`` [s] at its end."""
+    server = Served(settings or Settings(), grace)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     wait_until(lambda: server.server.started, 20.0)
@@ -98,4 +97,4 @@ def served(settings: Settings | None = None) -> Iterator[Served]:
         yield server
     finally:
         server.server.should_exit = True
-        thread.join(10.0)
+        thread.join(60.0)

@@ -1,35 +1,53 @@
-"""The clock: it keeps its pace, alone and in company, and whoever commands gets in between."""
+"""The clock: it keeps its pace, alone and in company, and whoever commands gets in between.
+
+Nothing here looks at the machine's clock: pace is counted in epochs against a clock that the test moves by hand. How
+fast a machine really is, `make bench` says.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import time
 from itertools import pairwise
 
-import httpx
 import pytest
 import toy_system as toy
 from fastapi.testclient import TestClient
-from rest_lab import API, Flight, served, wait_until
+from hand_clock import HandClock, laboratory
+from rest_lab import Flight, wait_until
 
+from ftcore import Fault, Scenario
+from server.advances import Advance
+from server.experiments import Experiment
 from server.pacing import SLIP, Pacer
-from server.settings import Settings
 
 
 def flown(flight: Flight) -> float:
     return float(flight.get()["clock"]["time"])
 
 
-@pytest.mark.alone
-def test_a_running_experiment_keeps_its_pace(flight: Flight) -> None:
-    flight.do("PATCH", "/clock", {"state": "running", "speed": 5})
-    begun, at = time.monotonic(), flown(flight)
-    time.sleep(1.5)
-    elapsed, now = time.monotonic() - begun, flown(flight)
-    assert now - at == pytest.approx(5 * elapsed, abs=0.6)
-    assert flight.do("PATCH", "/clock", {"state": "paused"})["clock"]["state"] == "paused"
-    stopped = flown(flight)
-    time.sleep(0.2)
-    assert flown(flight) == stopped
+def epochs(experiment: Experiment) -> int:
+    return experiment._simulation.epoch
+
+
+def test_given_ten_seconds_at_five_times_real_time_then_fifty_seconds_are_flown_and_none_while_paused() -> None:
+    """By a clock of its own: an epoch of the toy lasts 0.1 s, so 50 a second are due."""
+
+    async def story() -> None:
+        clock = HandClock()
+        async with laboratory(clock) as registry:
+            experiment = await registry.create(Scenario.model_validate(toy.scenario(duration=100.0)))
+            experiment.set_clock("running", 5.0)
+            for tenth in range(1, 101):
+                await clock.move(0.1, [experiment])
+                assert epochs(experiment) == 5 * tenth
+            experiment.set_clock("paused", None)
+            await asyncio.sleep(0.01)
+            clock.time += 3.0
+            await asyncio.sleep(0.01)
+            assert epochs(experiment) == 500
+
+    asyncio.run(story())
 
 
 def test_the_speed_can_be_changed_in_flight(flight: Flight) -> None:
@@ -39,16 +57,34 @@ def test_the_speed_can_be_changed_in_flight(flight: Flight) -> None:
     assert flown(flight) == 60.0
 
 
-@pytest.mark.alone
-def test_a_running_experiment_can_be_advanced_rewound_and_broken(flight: Flight) -> None:
-    flight.do("PATCH", "/clock", {"state": "running", "speed": 1})
-    assert flight.advance(until=30.0)["experiment"]["clock"]["state"] == "running"
-    time.sleep(0.35)
-    assert 30.1 < flown(flight) < 31.5  # at its pace from there on, not standing still until 30 s have gone by
-    flight.do("POST", "/faults", {"channel": "ruler.position.x", "kind": "bias", "magnitude": 1.0})
-    assert flight.do("POST", "/rewind", {"to": 2.0})["clock"]["state"] == "paused"
-    time.sleep(0.25)
-    assert flown(flight) == 2.0
+def test_given_a_running_experiment_when_it_is_advanced_then_it_keeps_its_pace_from_where_it_is() -> None:
+    """Not standing still until the time flown by hand has gone by, nor racing after it."""
+
+    async def story() -> None:
+        clock = HandClock()
+        async with laboratory(clock) as registry:
+            experiment = await registry.create(Scenario.model_validate(toy.scenario()))
+            experiment.set_clock("running", 1.0)
+            await clock.settled([experiment])
+            await experiment.advance(Advance(), lambda _: 300, lambda _: None)
+            assert experiment.describe(experiment._simulation).clock.state == "running"
+            await clock.move(0.1, [experiment])  # finds itself elsewhere, and counts from here
+            at = epochs(experiment)
+            assert 300 <= at <= 301
+            await clock.move(1.0, [experiment])
+            assert epochs(experiment) == at + 10
+            await experiment.command(lambda sim: sim.inject(toy_fault()))
+            await experiment.rewind(2.0)
+            assert experiment.describe(experiment._simulation).clock.state == "paused"
+            clock.time += 5.0
+            await asyncio.sleep(0.01)
+            assert epochs(experiment) == 20
+
+    asyncio.run(story())
+
+
+def toy_fault() -> Fault:
+    return Fault(channel="ruler.position.x", kind="bias", magnitude=1.0)
 
 
 def test_a_clock_that_fails_says_why(client: TestClient) -> None:
@@ -58,37 +94,41 @@ def test_a_clock_that_fails_says_why(client: TestClient) -> None:
     assert flight.get()["clock"]["reason"].startswith("ArithmeticError")
 
 
-@pytest.mark.alone
-def test_twenty_experiments_at_once_hold_their_pace() -> None:
-    with served() as server, httpx.Client(base_url=server.base, timeout=20.0) as client:
-        fleet = [Flight(client, "zhang-1992") for _ in range(20)]
-        for flight in fleet:
-            flight.do("PATCH", "/clock", {"state": "running", "speed": 1})
-        begun = {flight.id: (time.monotonic(), flown(flight)) for flight in fleet}
-        time.sleep(4.0)
-        for flight in fleet:
-            now, (then, at) = time.monotonic(), begun[flight.id]
-            assert abs(flown(flight) - at - (now - then)) < 1.6  # an epoch is 1 s: one each way, and some grace
+def test_given_twenty_experiments_at_their_own_speeds_then_each_flies_what_is_due() -> None:
+    async def story() -> None:
+        clock = HandClock()
+        async with laboratory(clock) as registry:
+            fleet = [await registry.create(Scenario.model_validate(toy.scenario())) for _ in range(20)]
+            for k, experiment in enumerate(fleet):
+                experiment.set_clock("running", 1.0 + k % 4)
+            await clock.settled(fleet)
+            for _ in range(8):
+                await clock.move(0.5, fleet)
+            assert [epochs(e) for e in fleet] == [40 * (1 + k % 4) for k in range(20)]
+
+    asyncio.run(story())
 
 
-@pytest.mark.alone
-def test_a_racing_experiment_does_not_slow_a_paced_one_or_the_commands() -> None:
-    with served(Settings(workers=2)) as server, httpx.Client(base_url=server.base, timeout=20.0) as client:
-        racers = [Flight(client, toy.scenario(duration=30_000.0)) for _ in range(3)]
-        paced = Flight(client)
-        for racer in racers:
-            racer.do("PATCH", "/clock", {"state": "running", "speed": "max"})
-        paced.do("PATCH", "/clock", {"state": "running", "speed": 1})
-        begun, at = time.monotonic(), flown(paced)
-        delays = []
-        for k in range(20):
-            asked = time.monotonic()
-            racers[k % 3].do("PATCH", "/settings", {"threshold": 5.0 + k})
-            delays.append(time.monotonic() - asked)
-            time.sleep(0.05)
-        assert flown(paced) - at == pytest.approx(time.monotonic() - begun, abs=0.6)
-        assert sorted(delays)[10] < 0.25
-        assert client.get(f"{API}/health").status_code == 200
+def test_given_a_flight_at_full_speed_then_a_command_waits_for_one_slice_at_most() -> None:
+    """A look at this clock costs 4 ms and a slice lasts 12 ms, so a slice ends after three epochs.
+
+    The command is given while a slice is under way: that slice ends, and the command comes before the next one.
+    """
+
+    async def story() -> None:
+        async with laboratory(HandClock(tick=0.004)) as registry:
+            racer = await registry.create(Scenario.model_validate(toy.scenario(duration=3000.0)))
+            racer.set_clock("running", "max")
+            for _ in range(20):
+                while epochs(racer) == 0:
+                    await asyncio.sleep(0)
+                asked = epochs(racer)
+                done = await racer.command(lambda sim: sim.epoch)
+                assert asked <= done <= asked + 4, "the slice under way, of three epochs, and the one being flown"
+                await asyncio.sleep(0.002)
+            assert not racer._simulation.finished, "it was racing all the time"
+
+    asyncio.run(story())
 
 
 def test_due_epochs_do_not_drift() -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from itertools import count
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
 from rest_lab import API
-
-from tests.bench.measure import best, once
 
 SLOW_TURN = {"flight": {"legs": [{}, {"bank": 70}], "speed": 350, "height": 10000}}
 IMU = f"{API}/systems/redundant-imu/indicators"
@@ -47,11 +44,11 @@ def test_a_system_that_declares_none_says_none(client: TestClient) -> None:
         ({"parameters": {"gyros": {"mounting": [45, "a", 45]}}}, 409, "parameters.gyros.mounting.1", "number"),
         ({"parameters": {"gyros": {"mounting": [45, 45]}}}, 409, "parameters.gyros.mounting.2", "needed"),
         ({"parameters": {"gyro": {}}}, 409, "parameters.gyro", "accepted are air_data, flight, gyros"),
-        ({"parameters": {"gyros": {"noise": 0}}}, 409, "parameters.gyros.noise", "greater than or equal to"),
-        ({"settings": {"angle_threshold": 90}}, 409, "settings.angle_threshold", "less than or equal to 44"),
+        ({"parameters": {"gyros": {"noise": 0}}}, 409, "parameters.gyros.noise", "at least"),
+        ({"settings": {"angle_threshold": 90}}, 409, "settings.angle_threshold", "at most 44"),
         ({"settings": {"confirm": 3, "within": 2}}, 409, "settings", "confirm 3 of 2 cannot be"),
         ({"parameters": SLOW_TURN}, 409, "parameters.flight.legs.1", "cannot fly"),
-        ({"parameters": []}, 422, "parameters", "dictionary"),
+        ({"parameters": []}, 422, "parameters", "an object with named fields"),
         ({"mounting": [45, 45, 45]}, 422, "mounting", "accepted are parameters, settings"),
     ],
 )
@@ -71,17 +68,3 @@ def test_an_unknown_system_is_404(client: TestClient) -> None:
     answer = client.post(f"{API}/systems/nothing/indicators", json={})
     assert answer.status_code == 404
     assert "redundant-imu" in answer.json()["detail"]
-
-
-@pytest.mark.alone
-def test_the_figures_come_within_50_milliseconds(client: TestClient) -> None:
-    client.post(IMU, json={})
-    angle = count(10)
-
-    def ask() -> None:
-        body = {"parameters": {"gyros": {"mounting": [next(angle), 20, 30]}}}
-        assert client.post(IMU, json=body).status_code == 200
-
-    least = best(lambda: once(ask), 0.05, 8)
-    print(f"indicators: {least}")
-    assert least.at_reference < 0.05

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import pytest
@@ -24,7 +25,7 @@ REFUSED: list[tuple[str, str, Any, int, str]] = [
     ("POST", "/faults", BIAS | {"channel": "ruler.position.z"}, 409, "/channel"),
     ("POST", "/faults", BIAS | {"channel": "ruler.position.y", "kind": "stuck"}, 409, "/kind"),
     ("POST", "/faults", BIAS | {"unit": "deg"}, 409, "/unit"),
-    ("POST", "/faults", BIAS | {"start": 3.0, "end": 2.0}, 409, ""),
+    ("POST", "/faults", BIAS | {"start": 3.0, "end": 2.0}, 409, "/end"),
     ("POST", "/faults", BIAS | {"magnitude": 0.0}, 409, "/magnitude"),
     ("POST", "/faults", [], 422, ""),
     ("PATCH", "/faults/f1", {"magnitude": 5, "channel": "ruler.position.y"}, 422, "/channel"),
@@ -47,6 +48,22 @@ REFUSED: list[tuple[str, str, Any, int, str]] = [
     ("PATCH", "/settings", {"threshold": None}, 409, "/threshold"),
     ("PUT", "/cursor", {"time": 99.0}, 409, "/time"),
 ]
+
+
+PLAIN = [
+    ({"magnitude": "x"}, "magnitude: a number is needed, not 'x'"),
+    ({"magnitude": float("inf")}, "magnitude: a finite number is needed, not inf"),
+    ({"start": -5}, "start: at least 0 is needed, not -5"),
+    ({"start": 3.0, "end": 2.0}, "end is 2.0 s, which is not after the start at 3.0 s"),
+    ({"angular_frequency": 0}, "angular_frequency: more than 0 is needed, not 0"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "says"), PLAIN)
+def test_what_is_wrong_is_said_in_plain_words(flight: Flight, wrong: Any, says: str) -> None:
+    headers = {"content-type": "application/json"}
+    answer = flight.client.post(flight.path + "/faults", content=json.dumps(BIAS | wrong), headers=headers)
+    assert answer.json()["detail"] == says
 
 
 @pytest.mark.parametrize(("method", "what", "body", "status", "where"), REFUSED)

@@ -6,7 +6,6 @@ import io
 import json
 import math
 import re
-import time
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -55,14 +54,11 @@ def test_thinned_series_of_one_signal_are_samples_with_its_extremes(flown: Fligh
     assert min(thin["signals"][ERROR]) == min(full["signals"][ERROR])
 
 
-@pytest.mark.alone
 def test_thinned_series_of_many_signals_are_no_longer_than_asked(client: TestClient) -> None:
     flight = Flight(client, toy.scenario(duration=600.0))
     flight.advance()
     names = [f"extra.{i}" for i in range(100)]
-    begun = time.perf_counter()
     thin = flight.get("/series", signals=",".join(names), points=300)
-    assert time.perf_counter() - begun < 1.0
     assert thin["decimation"] == "envelope"
     assert len(thin["time"]) <= 300
     full = flight.get("/series", signals="extra.7")

@@ -60,6 +60,6 @@ def test_schemathesis_finds_nothing(tmp_path: Path) -> None:
                 "--seed", "7", "--workers", "1", "--suppress-health-check", "all", "--generation-database", "none",
                 "--no-color",
             ],
-            capture_output=True, text=True, timeout=240, cwd=tmp_path,
+            capture_output=True, text=True, timeout=1200, cwd=tmp_path,
         )  # fmt: skip
     assert result.returncode == 0, "\n".join(line[:300] for line in result.stdout.splitlines()[-120:])

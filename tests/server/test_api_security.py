@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import toy_system as toy
@@ -10,6 +11,8 @@ from fastapi.testclient import TestClient
 from rest_lab import API, Flight, client_of
 from starlette.websockets import WebSocketDisconnect
 
+from server.limits import Patience
+from server.limits import client_of as address_of
 from server.security import Doorkeeper
 from server.settings import Settings, SettingsError
 
@@ -84,9 +87,23 @@ TOKEN = "correct horse battery staple"
 
 
 @pytest.fixture(scope="module")
-def guarded() -> Iterator[TestClient]:
+def _guarded() -> Iterator[TestClient]:
     with client_of(Settings(token=TOKEN)) as client:
         yield client
+
+
+@pytest.fixture
+def clock() -> list[float]:
+    """What the doorkeeper takes for the time [s]; a test sets it."""
+    return [1000.0]
+
+
+@pytest.fixture
+def guarded(_guarded: TestClient, clock: list[float]) -> TestClient:
+    """A server with a token that nobody has tried yet."""
+    _guarded.cookies.clear()
+    _guarded.app.state.doorkeeper.patience = Patience(lambda: clock[0])  # type: ignore[attr-defined]
+    return _guarded
 
 
 @pytest.mark.parametrize("route", ["/static/app.js", f"{API}/experiments", f"{API}/openapi.json", "/docs", "/nothing"])
@@ -139,6 +156,91 @@ def test_sockets_need_the_token_too(guarded: TestClient) -> None:
         pass
     with guarded.websocket_connect(path, headers=bearer) as socket:
         assert socket.receive_json()["type"] == "hello"
+
+
+def wrong(client: TestClient, path: str = f"{API}/experiments") -> Any:
+    return client.get(path, headers={"authorization": "Bearer wrong"})
+
+
+def test_after_a_few_wrong_tokens_each_doubles_the_wait_and_a_right_one_ends_it(
+    guarded: TestClient, clock: list[float]
+) -> None:
+    assert [wrong(guarded).status_code for _ in range(Patience.FREE)] == [401] * Patience.FREE
+    for wait in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 60.0, 60.0):
+        early = wrong(guarded)
+        assert (early.status_code, early.headers["retry-after"]) == (429, str(int(wait)))
+        assert early.headers["content-type"] == "application/problem+json"
+        # Not even the right one is looked at, or a guess would cost nothing.
+        assert guarded.get(f"{API}/systems", headers={"x-ftlab-token": TOKEN}).status_code == 429
+        clock[0] += wait - 0.01
+        assert wrong(guarded).status_code == 429
+        clock[0] += 0.01
+        assert wrong(guarded).status_code == 401
+    clock[0] += 60.0
+    assert guarded.get(f"{API}/systems", headers={"x-ftlab-token": TOKEN}).status_code == 200
+    assert wrong(guarded).status_code == 401
+
+
+def test_the_login_form_and_sockets_wait_as_well(guarded: TestClient, clock: list[float]) -> None:
+    assert [guarded.post("/login", data={"token": "wrong"}).status_code for _ in range(5)] == [401] * 5
+    refused = guarded.post("/login", data={"token": TOKEN})
+    assert (refused.status_code, refused.headers["retry-after"]) == (429, "1")
+    assert "try again in 1 s" in refused.text
+    with (
+        pytest.raises(WebSocketDisconnect),
+        guarded.websocket_connect(f"{API}/experiments/x/stream", headers={"x-ftlab-token": TOKEN}),
+    ):
+        pass
+    clock[0] += 1.0
+    assert guarded.post("/login", data={"token": TOKEN}, follow_redirects=False).status_code == 303
+
+
+def test_whoever_is_logged_in_or_tries_nothing_does_not_wait(guarded: TestClient) -> None:
+    guarded.post("/login", data={"token": TOKEN}, follow_redirects=False)
+    cookie = dict(guarded.cookies)
+    guarded.cookies.clear()
+    for _ in range(8):
+        wrong(guarded)
+    assert guarded.get(f"{API}/health").status_code == 200
+    assert guarded.get(f"{API}/systems").status_code == 401
+    assert guarded.get(f"{API}/systems", headers={"cookie": "ftlab-session=stale"}).status_code == 401
+    guarded.cookies.update(cookie)
+    assert guarded.get(f"{API}/systems").status_code == 200
+
+
+def test_a_stale_cookie_is_no_try(guarded: TestClient) -> None:
+    for _ in range(20):
+        assert guarded.get(f"{API}/systems", headers={"cookie": "ftlab-session=stale"}).status_code == 401
+    assert guarded.get(f"{API}/systems", headers={"x-ftlab-token": TOKEN}).status_code == 200
+
+
+def test_one_address_that_tries_does_not_delay_another_and_is_forgotten_in_time() -> None:
+    now = [0.0]
+    patience = Patience(lambda: now[0])
+    for _ in range(7):
+        patience.failed("10.0.0.1")
+    assert (patience.wait("10.0.0.1"), patience.wait("10.0.0.2")) == (4.0, 0.0)
+    now[0] = Patience.FORGOTTEN + 1.0
+    patience.failed("10.0.0.1")
+    assert patience.wait("10.0.0.1") == 0.0
+    for number in range(Patience.REMEMBERED + 5):
+        patience.failed(str(number))
+    assert len(patience._tries) == Patience.REMEMBERED
+
+
+@pytest.mark.parametrize(
+    ("host", "counted"),
+    [
+        ("192.0.2.7", "192.0.2.7"),
+        ("::ffff:192.0.2.7", "192.0.2.7"),
+        ("2001:db8:1:2:aaaa::1", "2001:db8:1:2::/64"),
+        ("2001:db8:1:2:bbbb::2", "2001:db8:1:2::/64"),
+        ("testclient", "testclient"),
+    ],
+)
+def test_a_client_is_an_address_or_a_network_of_the_new_kind(host: str, counted: str) -> None:
+    assert address_of({"client": (host, 1)}) == counted
+    assert address_of({}) == ""
 
 
 # ---- the bind address ---------------------------------------------------------------------------------------------

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 import toy_system as toy
 from fastapi.testclient import TestClient
-from rest_lab import Flight, client_of
+from rest_lab import Flight, client_of, wait_until
 from starlette.websockets import WebSocketDisconnect
 
 from server.settings import Settings
-from server.stream import Credit
+from server.stream import MESSAGES_AT_ONCE, Credit
 
 ERROR = "fused.error.position.x"
 Message = dict[str, Any]
@@ -228,6 +228,35 @@ def test_streams_are_capped() -> None:
             with client.websocket_connect(flight.stream) as second, pytest.raises(WebSocketDisconnect) as left:
                 second.receive_json()
     assert left.value.code == 4429
+
+
+def test_a_viewer_that_floods_is_sent_away_and_of_its_subscriptions_the_newest_counts(flight: Flight) -> None:
+    with flight.client.websocket_connect(flight.stream) as socket:
+        for i in range(MESSAGES_AT_ONCE):
+            subscribe(socket, f"extra.{i}")
+        newest = [f"extra.{MESSAGES_AT_ONCE - 1}"]
+        (viewer,) = flight.client.app.state.registry.get(flight.id).subscribers
+        wait_until(lambda: viewer._names == newest)
+        flight.advance(until=1.0)
+        assert list(until(socket, reaches(1.0))[-1]["signals"]) == newest
+    with flight.client.websocket_connect(flight.stream) as socket:
+        for _ in range(3 * MESSAGES_AT_ONCE):
+            subscribe(socket, ERROR)
+        with pytest.raises(WebSocketDisconnect) as left:
+            until(socket, lambda _: False)
+    assert (left.value.code, left.value.reason) == (1008, "more than 50 messages a second")
+    assert flight.get()["watchers"] == 0
+
+
+def test_sockets_of_one_client_are_capped_over_all_experiments() -> None:
+    with client_of(Settings(sockets_per_client=2)) as client:
+        flights = [Flight(client) for _ in range(3)]
+        with client.websocket_connect(flights[0].stream), client.websocket_connect(flights[1].stream):
+            with client.websocket_connect(flights[2].stream) as third, pytest.raises(WebSocketDisconnect) as left:
+                third.receive_json()
+            assert left.value.code == 4429
+        with client.websocket_connect(flights[2].stream) as again:
+            assert again.receive_json()["type"] == "hello"
 
 
 def test_credit_counts_frames_under_way_even_when_time_goes_back() -> None:

@@ -44,10 +44,10 @@ def page() -> Iterator[Any]:
 
 @pytest.mark.parametrize("what", ["/docs", "report"])
 def test_pages_made_of_data_are_drawn_without_a_word_of_complaint(server: Served, page: Any, what: str) -> None:
-    with httpx.Client(base_url=server.base, timeout=20.0) as client:
+    with httpx.Client(base_url=server.base, timeout=120.0) as client:
         flight = Flight(client)
         flight.advance(epochs=50)
         page.goto(server.base + (what if what == "/docs" else f"{flight.path}/report"))
-        page.wait_for_selector("#injectFault" if what == "/docs" else "#charts .js-plotly-plot", timeout=20_000)
+        page.wait_for_selector("#injectFault" if what == "/docs" else "#charts .js-plotly-plot", timeout=120.000)
     assert page.foreign == []
     assert page.wrong == []

@@ -1,4 +1,4 @@
-"""The three 8-state filters of the GPS receiver, carried over together: 003 (13)-(16).
+"""The three 8-state filters of the GPS receiver, carried over together: Chey 2004 (13)-(16).
 
     0  filter       position-velocity-clock filter with its own innovation test
     1  combined     takes what the snapshot test and the innovation test leave, and restarts from the snapshot
@@ -58,6 +58,26 @@ def empty(runs: int) -> Bank:
 def predict(bank: Bank, Phi: Array, Q: Array) -> Bank:
     """Carry all over one epoch."""
     return Bank(*kalman.predict(bank.x, bank.P, Phi, Q), bank.started)
+
+
+def relaid(bank: Bank, where: Flags, turn: Array, shift: Array) -> Bank:
+    """The filters in another level frame, in the runs ``where``: same estimates, other axes and origin.
+
+    Args:
+        turn: (runs, 3, 3) from the old axes to the new.
+        shift: (runs, 3) of the old origin in the new frame [m].
+    """
+    if not where.any():
+        return bank
+    T = np.broadcast_to(np.eye(STATES), (len(where), STATES, STATES)).copy()
+    for places in (PLACE[:3], RATE[:3]):
+        T[:, places[:, None], places] = turn
+    T = T[:, None]
+    x = np.matvec(T, bank.x)
+    x[..., PLACE[:3]] += shift[:, None]
+    P = T @ bank.P @ T.swapaxes(-1, -2)
+    row = where[:, None, None]
+    return Bank(np.where(row, x, bank.x), np.where(row[..., None], P, bank.P), bank.started)
 
 
 def design(H: Array) -> Array:

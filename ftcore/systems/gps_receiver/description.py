@@ -47,8 +47,10 @@ def _tests() -> list[Test]:
     whole = "satellites minus 4; a satellite: 1, and it alarms where the test of all names it"
     filtered = "satellites; a satellite: 1, and it alarms where the test of all names it"
     return [
-        Test(name="snapshot", label="snapshot test", subjects=SUBJECTS, dof=whole, source="003 (9)-(12)"),
-        Test(name="innovation", label="innovation test", subjects=SUBJECTS, dof=filtered, source="003, section 3"),
+        Test(name="snapshot", label="snapshot test", subjects=SUBJECTS, dof=whole, source="Chey 2004 (9)-(12)"),
+        Test(
+            name="innovation", label="innovation test", subjects=SUBJECTS, dof=filtered, source="Chey 2004, section 3"
+        ),
         Test(
             name="parity",
             label="parity-space test",

@@ -1,6 +1,7 @@
 """What can be chosen for the GPS receiver: parameters at the start, settings in flight.
 
-``source`` in a field's schema says whether 003 gives the number ("paper") or FTLab chose it where 003 is silent.
+``source`` in a field's schema says whether Chey 2004 gives the number ("paper") or FTLab chose it where Chey 2004 is
+silent.
 """
 
 from __future__ import annotations

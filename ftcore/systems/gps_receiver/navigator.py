@@ -32,8 +32,8 @@ from ftcore.systems.gps_receiver.snapshot import Judgement, Place, Snapshot
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
 
-EVERYONE = 3
-"""Which of the four sets holds every satellite."""
+SURVIVORS, EVERYONE = 0, 3
+"""Which of the four sets holds the snapshot's satellites, and which every one."""
 REDUNDANT = 5
 """Satellites that an innovation test leaves at least, if there are more: with fewer the rest does not check itself."""
 
@@ -91,10 +91,11 @@ class Navigator:
         p_fa = settings.false_alarm_probability
         margin = raim.margin(settings.wrong_isolation_probability)
         measured = pseudoranges(readings, self._runs, controls.enabled["gps"])
-        snapshot = snapshots.take(self._p, measured, snapshots.locate(state.place, measured), p_fa, margin)
+        located, bank = snapshots.levelled(snapshots.locate(state.place, measured), state.bank)
+        snapshot = snapshots.take(self._p, measured, located, p_fa, margin)
         m, place, columns = snapshot.measurement, snapshot.place, measured.columns
 
-        prior = filters.predict(state.bank, self._Phi, self._Q)
+        prior = filters.predict(bank, self._Phi, self._Q)
         started = prior.started[:, None]
         offset = np.vecmat(place.position_e - place.origin, place.C_en)
         z = (m.y + np.matvec(m.H[..., :3], offset))[:, None]  # counted from the filters' origin
@@ -136,7 +137,7 @@ class Navigator:
         disagreed = np.where(agreement.alarm, state.disagreed + 1, np.where(agreement.dof > 0, 0, state.disagreed))
         differs = disagreed >= settings.reset_after
         reset = differs | lost[:, COMBINED]
-        bank = self._restarted(bank, fixes, offset, lost, differs, snapshot.status != CANNOT_ISOLATE)
+        bank = self._restarted(bank, fixes, offset, lost, differs, snapshot)
         status = _status(snapshot, verdict, fixes, accused | held, resolved, agreement.alarm & ~reset, bank.started)
         after = NavigatorState(
             place=snapshots.advance(snapshot),
@@ -169,17 +170,23 @@ class Navigator:
         )
         return after, output
 
-    def _restarted(self, bank: Bank, fixes: Fix, offset: Array, lost: Flags, differs: Flags, usable: Flags) -> Bank:
-        """Filters that start, or start again, from a snapshot of their own or of all satellites.
+    def _restarted(
+        self, bank: Bank, fixes: Fix, offset: Array, lost: Flags, differs: Flags, snapshot: Snapshot
+    ) -> Bank:
+        """Filters that start, or start again, from a snapshot of their own or of others' satellites.
 
-        ``lost`` (runs, 2): filter and combined filter have taken nothing for too long; ``differs`` (runs,): the
-        combined filter has disagreed with its own satellites for too long; ``usable`` (runs,): a first start may be
-        made.
+        ``lost`` (runs, 2): filter and combined filter have taken nothing for too long. That is from what the snapshot
+        leaves where it has passed its test, or else from everyone: with the culprit in it, a filter that is lost
+        would be lost again. ``differs`` (runs,): the combined filter has disagreed with its own satellites for too
+        long.
         """
-        first = ~bank.started & usable
+        first = ~bank.started & (snapshot.status != CANNOT_ISOLATE)
+        sound = snapshot.sound[:, None]
         for which, where, source in (
-            (FILTER, lost[:, FILTER], EVERYONE),
-            (COMBINED, lost[:, COMBINED], EVERYONE),
+            (FILTER, (lost & sound)[:, FILTER], SURVIVORS),
+            (COMBINED, (lost & sound)[:, COMBINED], SURVIVORS),
+            (FILTER, (lost & ~sound)[:, FILTER], EVERYONE),
+            (COMBINED, (lost & ~sound)[:, COMBINED], EVERYONE),
             (COMBINED, differs, COMBINED + 1),
             (FILTER, first, FILTER + 1),
             (COMBINED, first, COMBINED + 1),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ftcore import earth
 from ftcore.noise import NoiseSource
 from ftcore.readings import Group, Readings
-from ftcore.sensors import rinex
+from ftcore.sensors import rinex, rinex_observation
 from ftcore.sensors.gnss import Clock
 from ftcore.systems.gps_receiver.forms import Log, Parameters
 from ftcore.systems.gps_receiver.names import EPOCH, PRNS, SATELLITES, SLOTS
@@ -143,4 +143,4 @@ def reference(log: rinex.ObservationLog, p: Log) -> Array:
     return position
 
 
-assert len(PRNS) == rinex.PRNS
+assert len(PRNS) == rinex_observation.PRNS

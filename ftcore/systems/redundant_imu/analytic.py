@@ -2,8 +2,8 @@
 
 It runs only in an *episode*: from the epoch in which parity space declares more than one gyro (or cannot solve for the
 rates) until everybody is trusted again. It starts some steps before that epoch, from states that were stored then, and
-comes forward on the readings of the others and on air data (001, section 4.2 and figure 2). Its rates are also what is
-flown on while nobody is named, and when too few gyros are left.
+comes forward on the readings of the others and on air data (Kim 2005, section 4.2 and figure 2). Its rates are also
+what is flown on while nobody is named, and when too few gyros are left.
 
 Shapes lead with runs; in each epoch only the runs in an episode are computed.
 """

@@ -27,6 +27,9 @@ from ftcore.systems.redundant_imu.names import (
 )
 from ftcore.systems.redundant_imu.pictures import blocks, scene, wires
 
+RECOVERY = 2.0
+"""Seconds for which a fault may still show after its end: a gyro is back after half a second of agreement."""
+
 # label, unit, fault worth trying first
 _AIR = {
     "speed": ("Airspeed", "m/s", 10.0),
@@ -35,13 +38,13 @@ _AIR = {
     "height": ("Height", "m", 30.0),
 }
 _DOF = {
-    "parity": ("3", "001 (29)-(32)"),
-    "parity-trusted": ("3 with all gyros, 1 with two", "001 (29)-(32)"),
-    "isolation-angle": ("an angle, not a statistic", "001 section 4.1"),
+    "parity": ("3", "Kim 2005 (29)-(32)"),
+    "parity-trusted": ("3 with all gyros, 1 with two", "Kim 2005 (29)-(32)"),
+    "isolation-angle": ("an angle, not a statistic", "Kim 2005 section 4.1"),
     "fault-plane": ("1", "FTLab: the angle as a statistic"),
     "glt": ("1", "Daly, Gai and Harrison"),
     "optimal-parity": ("2", "Jin and Zhang, for two axes"),
-    "ukf": ("2", "001 (48)-(49)"),
+    "ukf": ("2", "Kim 2005 (48)-(49)"),
 }
 
 
@@ -92,6 +95,7 @@ def _tests() -> list[Test]:
                 may_drive=name not in ("parity", "parity-trusted", "ukf"),
                 unit="deg" if name == "isolation-angle" else "1",
                 alarm_when="below" if below else "above",
+                reference=("air",) if name == "ukf" else (),
             )
         )
     return found
@@ -173,5 +177,6 @@ def description() -> SystemDescription:
         settings_schema=Settings.model_json_schema(),
         parameters_schema=Parameters.model_json_schema(),
         score_headline=("protected.distance", "unprotected.distance"),
+        recovery=RECOVERY,
         score_label="Furthest off the healthy path",
     )

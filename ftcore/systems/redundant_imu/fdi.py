@@ -1,7 +1,7 @@
 """Parity space on the gyros of one aircraft: four tests beside each other, one of which declares.
 
-001, section 4.1: FD on the squared parity vector, FI by its angle to the fault planes; beside them the distance from
-the planes as a statistic, the GLT and the optimal parity vector.
+Kim 2005, section 4.1: FD on the squared parity vector, FI by its angle to the fault planes; beside them the distance
+from the planes as a statistic, the GLT and the optimal parity vector.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Verdict:
 
 
 def reference(cluster: Cluster, noise: float) -> Reference:
-    """A healthy cluster whose axes have white noise [rad/s] and no biases, as 001 has it."""
+    """A healthy cluster whose axes have white noise [rad/s] and no biases, as Kim 2005 has it."""
     return parity.uncalibrated(cluster, noise, 0.0)
 
 

@@ -1,6 +1,7 @@
 """What can be chosen for the redundant-IMU system: parameters at the start, settings in flight.
 
-``source`` in a field's schema says whether 001 gives the number ("paper") or FTLab chose it where 001 is silent.
+``source`` in a field's schema says whether Kim 2005 gives the number ("paper") or FTLab chose it where Kim 2005 is
+silent.
 """
 
 from __future__ import annotations

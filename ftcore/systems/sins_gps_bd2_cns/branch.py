@@ -1,4 +1,4 @@
-"""One fault-tolerant filter of 002: IMM predictions, two propagators, tests on every aid, fusion of the subsets.
+"""One fault-tolerant filter of Yang 2016: IMM predictions, two propagators, tests on every aid, fusion of the subsets.
 
 The system flies two of them on the same measurements: with the IMM, and without it (one model, Q_small).
 """

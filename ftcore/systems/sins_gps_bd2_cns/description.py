@@ -48,15 +48,13 @@ def _channels() -> list[Channel]:
             found.append(_channel(sensor, sensor, quantity, part, f"{name} {part}", unit, (i,), typical))
         what = "all axes" if quantity == "position" else "all angles"
         found.append(_channel(sensor, sensor, quantity, "all", f"{name} {quantity}, {what}", unit, (0, 1, 2), typical))
-    # Where scale factors are not modelled, the redundant IMU takes what they make of a roll for granted.
-    for cluster, unit, typical, visible in (("gyro", "deg/h", 20.0, 300.0), ("accelerometer", "mg", 1.0, 5.0)):
+    for cluster, unit, typical in (("gyro", "deg/h", 20.0), ("accelerometer", "mg", 1.0)):
         name = cluster.capitalize()
         group = f"imu.{cluster}"
         for i, axis in enumerate(AXES):
             sensor = group if axis in BODY else f"{group}.{axis[0]}"
             label = f"{name} {axis}" if axis in BODY else f"{name} {axis} (redundant IMU)"
-            size = typical if axis in BODY else visible
-            found.append(_channel(sensor, "imu", cluster, axis, label, unit, (i,), size))
+            found.append(_channel(sensor, "imu", cluster, axis, label, unit, (i,), typical))
         everything = tuple(range(len(AXES)))
         found.append(_channel(group, "imu", cluster, "all", f"{name}, all axes", unit, everything, typical))
     return found
@@ -79,12 +77,20 @@ def _channel(
 
 def _tests() -> list[Test]:
     rows = (
-        ("two-propagator", "readings of the aid, 3", "002 (12)-(13), innovation form", True),
-        ("two-propagator-state", "directions learned, up to 3", "002 (12)-(13), state form", True),
-        ("two-propagator-without-imm", "readings of the aid, 3", "002 [20], innovation form", False),
+        ("two-propagator", "readings of the aid, 3", "Yang 2016 (12)-(13), innovation form", True),
+        ("two-propagator-state", "directions learned, up to 3", "Yang 2016 (12)-(13), state form", True),
+        ("two-propagator-without-imm", "readings of the aid, 3", "Yang 2016 [20], innovation form", False),
     )
     found = [
-        Test(name=n, label=TEST_LABELS[n], subjects=tuple(AIDS), dof=dof, source=source, may_drive=drives)
+        Test(
+            name=n,
+            label=TEST_LABELS[n],
+            subjects=tuple(AIDS),
+            dof=dof,
+            source=source,
+            may_drive=drives,
+            reference=("imu",),
+        )
         for n, dof, source, drives in rows
     ]
     found += declared_imu_tests(TEST_LABELS, TESTS, unless="without the redundant IMU")

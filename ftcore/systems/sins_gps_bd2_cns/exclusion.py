@@ -14,8 +14,8 @@ it, and so does the newer propagator, which may have started from the estimate t
 disagree with that estimate, and later with the propagator, and are accused in turn. The innovation form withholds a
 measurement from the first alarm on; then there is nothing to forget.
 
-Source: FTLab's own, for what 002 does not say. To restart a filter from the propagator after a detection is in R. Da,
-Failure detection of dynamical systems with the state chi-square test, J. Guidance 17 (1994).
+Source: FTLab's own, for what Yang 2016 does not say. To restart a filter from the propagator after a detection is in R.
+Da, Failure detection of dynamical systems with the state chi-square test, J. Guidance 17 (1994).
 """
 
 from __future__ import annotations

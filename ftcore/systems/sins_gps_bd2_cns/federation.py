@@ -1,4 +1,4 @@
-"""The federated master of 000 over the aids of 002: SINS/GPS, SINS/BD2 and SINS/CNS local filters of one model each.
+"""The federated master of Zhang 1992 over the aids of Yang 2016: SINS/GPS, SINS/BD2, SINS/CNS, one model each.
 
 Its process noise is what the IMM thinks of both models at the moment. The supervisor says who is left out.
 """

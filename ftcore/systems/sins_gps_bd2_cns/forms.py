@@ -1,6 +1,7 @@
 """What can be chosen for the SINS/GPS/BD2/CNS system: parameters at the start, settings in flight.
 
-``source`` in a field's schema says whether 002 gives the number ("paper") or FTLab chose it where 002 is silent.
+``source`` in a field's schema says whether Yang 2016 gives the number ("paper") or FTLab chose it where Yang 2016 is
+silent.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Flight(Form):
             Phase(intensity="low", duration=600.0),
         ),
         max_length=50,
-        description="phases of high and low manoeuvre, 002 section 4; level flight afterwards",
+        description="phases of high and low manoeuvre, Yang 2016 section 4; level flight afterwards",
         json_schema_extra={"source": PAPER},
     )
     high_bank: float = quantity(30.0, "deg", "bank of the turns under high manoeuvre", 1.0, 70.0)
@@ -51,7 +52,7 @@ class Flight(Form):
 
 
 class Inertial(Form):
-    """Strapdown IMU: three gyros and three accelerometers along the body axes, or the redundant IMU of 001."""
+    """Strapdown IMU: three gyros and three accelerometers along the body axes, or the redundant IMU of Kim 2005."""
 
     configuration: Literal["three-axis", "redundant"] = Field(
         default="three-axis",
@@ -162,13 +163,14 @@ class Settings(Supervised):
     mode_driver: Literal["smallest", "accepted", "held"] = Field(
         default="smallest",
         title="Model probabilities by",
-        description="smallest: the aid with the smallest q updates them, rejected or not (002); accepted: only one "
-        "that is not rejected, else the transition matrix alone; held: the same, but they stay while all are rejected",
+        description="smallest: the aid with the smallest q updates them, rejected or not (Yang 2016); accepted: only "
+        "one that is not rejected, else the transition matrix alone; held: the same, but they stay while all are "
+        "rejected",
     )
     exclusion: Literal["weights", "isolation"] = Field(
         default="weights",
         title="Exclusion",
-        description="weights: q of each second alone weighs an aid (002), so a faulty one slips in now and then; "
+        description="weights: q of each second alone weighs an aid (Yang 2016), so a faulty one slips in now and then; "
         "isolation: one that the supervisor has isolated has no weight until it is readmitted, and a star tracker that "
         "jumped away is not before it has jumped back, or for two and a half minutes",
     )
@@ -179,8 +181,8 @@ class Settings(Supervised):
         default="fused",
         title="Recovery",
         description="GPS and BD2 are believed again when both are rejected but agree with each other, CNS when it "
-        "moves as the data sheet of the gyros allows and did not jump away: then the reference is wrong. 002 has no "
-        "way out of a wrong reference; fused: only the filter with IMM has one, both: the one without IMM too",
+        "moves as the data sheet of the gyros allows and did not jump away: then the reference is wrong. Yang 2016 has "
+        "no way out of a wrong reference; fused: only the filter with IMM has one, both: the one without IMM too",
     )
     propagator_models: Literal["filter", "own"] = Field(
         default="filter",
@@ -207,8 +209,8 @@ class Settings(Supervised):
     master: Literal["tolerant", "federated"] = Field(
         default="tolerant",
         title="Master",
-        description="tolerant: the eight subsets of aids, weighed by q (002); federated: local filters of which the "
-        "supervisor's isolated ones are left out (000)",
+        description="tolerant: the eight subsets of aids, weighed by q (Yang 2016); federated: local filters of which "
+        "the supervisor's isolated ones are left out (Zhang 1992)",
     )
     fusion_mode: Literal["fusion-reset", "no-reset", "zero-reset", "rescale"] = Field(
         default="fusion-reset",

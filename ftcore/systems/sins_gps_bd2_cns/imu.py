@@ -15,19 +15,15 @@ from numpy.typing import NDArray
 from ftcore import units
 from ftcore.detection import supervisor
 from ftcore.detection.geometry import Cluster, three_two_dof
-from ftcore.earth import STANDARD_GRAVITY
 from ftcore.readings import Group, Readings
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.names import BODY, EPOCH, IMU_TESTS, INSTRUMENTS
 from ftcore.systems.sins_gps_doppler.forms import Settings as RedundantSettings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
-from ftcore.world.trajectory import Turn
 
 Array = NDArray[np.float64]
 GROUPS = ("imu.gyro", "imu.accelerometer")
-PEAK_OF_BLEND = 1.875
-"""Steepest slope of the quintic by which a turn is entered, over the mean one."""
 COLUMNS = len(IMU_TESTS) * len(GROUPS) * 4
 
 
@@ -86,11 +82,10 @@ class Imu:
         self.cluster = None if i.configuration == "three-axis" else geometry(p)
         self._redundant: RedundantImu | None = None
         if self.cluster is not None:
-            # Scale factors are repeatable and large: what they make of the fastest roll is no failure.
-            rolling = PEAK_OF_BLEND * math.radians(p.flight.high_bank) / Turn.model_fields["entry"].default
-            scale = units.to_si(i.scale_factor, "ppm") * np.array([rolling, STANDARD_GRAVITY])
-            self._believed = np.hypot(self.density, scale * math.sqrt(EPOCH))
-            self._redundant = RedundantImu(self.cluster, self._believed, self.bias, calibration, i.calibration, EPOCH)
+            scale = units.to_si(i.scale_factor, "ppm")
+            self._redundant = RedundantImu(
+                self.cluster, self.density, self.bias, calibration, i.calibration, EPOCH, scale
+            )
         nothing = np.zeros((runs, COLUMNS))
         self._untested = (np.full((runs, COLUMNS), np.nan), nothing, nothing, nothing.astype(bool))
         self._unused = np.zeros((runs, len(INSTRUMENTS)), bool)
@@ -129,19 +124,19 @@ class Imu:
             )
             return State(held, None), epoch
         assert state.redundant is not None
-        p_fa = min(settings.false_alarm_probability, 1e-3)
         after, found = self._redundant.step(
             state.redundant,
             _pairs(gyro),
             _pairs(accelerometer),
-            RedundantSettings(false_alarm_probability=p_fa, imu_driving_test=settings.imu_driving_test),
+            RedundantSettings(
+                false_alarm_probability=settings.false_alarm_probability, imu_driving_test=settings.imu_driving_test
+            ),
             rules,
         )
-        noise = found.noise * np.square(self.density / self._believed)[:, None, None]
         epoch = Epoch(
             found.omega_b,
             found.f_b,
-            noise,
+            found.noise,
             (found.statistic, found.threshold, found.dof, found.alarm),
             found.decision.health,
             found.used.reshape(self.runs, -1),

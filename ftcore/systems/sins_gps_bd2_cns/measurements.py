@@ -1,4 +1,4 @@
-"""Measurements of the three aiding sensors against the strapdown: 002 (5)-(8), as resolved in FTLab.
+"""Measurements of the three aiding sensors against the strapdown: Yang 2016 (5)-(8), as resolved in FTLab.
 
 GPS, BD2:  z = r_SINS - r = H x,      H = [I 0 0 0 0]
 CNS:       z = rpy_SINS - rpy = H x,  H = [0 0 J 0 0]

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 class Plant:
     """See :class:`ftcore.systems.base.Plant`. All runs fly the same path, each with its own sensors.
 
-    GPS and BD2 hand out positions with the errors of 002's Table 2; their constellations are there for the scene.
+    GPS and BD2 hand out positions with the errors of Yang 2016's Table 2; their constellations are there for the scene.
     """
 
     def __init__(self, p: Parameters, axes: Array, duration: float, noise: NoiseSource) -> None:
@@ -103,9 +103,11 @@ class Plant:
         return InsState(lla, v_n, rotvec_to_matrix(tilt) @ rpy_to_matrix(t.rpy[0]))
 
     def calibration(self) -> Array:
-        """Mean readings of all axes over a standstill before the flight, gyros and accelerometers ``(runs, 2, k)``."""
+        """Mean readings of all axes over a standstill before the flight, level, gyros and accelerometers
+        ``(runs, 2, k)``."""
         seconds = self._p.inertial.calibration
-        return np.stack([cluster.calibrate(np.zeros(3), seconds) for cluster in self.clusters], axis=1)
+        felt = (np.zeros(3), np.array([0.0, 0.0, -earth.STANDARD_GRAVITY]))
+        return np.stack([c.calibrate(x, seconds) for c, x in zip(self.clusters, felt, strict=True)], axis=1)
 
 
 def datum(f: Flight) -> Chart:

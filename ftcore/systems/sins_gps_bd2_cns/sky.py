@@ -1,4 +1,4 @@
-"""Where the satellites of GPS and BD2 stand, for the scene; positions are made from 002's tables, not from these."""
+"""Where the satellites of GPS and BD2 stand, for the scene; positions are made from the tables of Yang 2016."""
 
 from __future__ import annotations
 

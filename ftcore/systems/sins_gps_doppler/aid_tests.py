@@ -51,7 +51,8 @@ class AidTestState:
 
 @dataclass(frozen=True)
 class AidTestResult:
-    """``(runs, 10)`` each; and whom the likelihood ratio suspects: column id and size ``(runs, 2)``."""
+    """``(runs, 10)`` each; and whom the likelihood ratio suspects: column id, size, and epochs since the onset
+    ``(runs, 2)``."""
 
     statistic: Array
     threshold: Array
@@ -59,6 +60,7 @@ class AidTestResult:
     alarm: Flags
     culprit: Ints
     size: Array
+    age: Ints
 
 
 class AidTests:
@@ -122,6 +124,7 @@ class AidTests:
             alarm=np.concatenate([alarm, *(_columns(t.alarm) for t in others)], axis=-1),
             culprit=np.stack([np.where(t.alarm, t.extra["column"], -1) for t in glr], axis=-1),
             size=np.stack([t.extra["size"] for t in glr], axis=-1),
+            age=np.stack([t.extra["age"] for t in glr], axis=-1),
         )
         return AidTestState(ratios, sums), result
 

@@ -7,6 +7,7 @@ from ftcore.systems.declarations import capital, chart_of_test, nees_chart, pari
 from ftcore.systems.sins_gps_doppler.names import (
     AID_TESTS,
     AIDS,
+    ALTIMETER,
     CLUSTERS,
     ERRORS,
     ESTIMATORS,
@@ -78,6 +79,7 @@ def charts() -> list[Chart]:
     found += [_both_chart(test) for test in ("residual", "state")]
     found += [_test_chart(test, subject) for test in AID_TESTS for subject in AIDS]
     found.append(_test_chart("integrity", "gps"))
+    found.append(_test_chart("altimeter", ALTIMETER))
     for test in IMU_TESTS:
         for cluster in CLUSTERS:
             found.append(_test_chart(test, f"imu.{cluster}", shown=(test, cluster) == ("parity", "accelerometer")))
@@ -124,6 +126,15 @@ def charts() -> list[Chart]:
             unit="m",
             group="outputs",
             traces=tuple(Trace(signal=f"discrepancy.gps.{slot}", label=slot) for slot in SLOTS),
+        )
+    )
+    found.append(
+        Chart(
+            id="altimeter-discrepancy",
+            title="Altimeter: reading minus its prediction",
+            unit="m",
+            group="outputs",
+            traces=(Trace(signal="discrepancy.altimeter", label="altimeter"),),
         )
     )
     found.append(nees_chart(ESTIMATORS, ROLES))

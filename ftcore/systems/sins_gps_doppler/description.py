@@ -24,6 +24,7 @@ from ftcore.systems.sins_gps_doppler.charts import charts
 from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
 from ftcore.systems.sins_gps_doppler.names import (
     AIDS,
+    ALTIMETER,
     AXES,
     CLUSTERS,
     EPOCH,
@@ -88,13 +89,16 @@ def _aid(
 def _tests() -> list[Test]:
     aids = tuple(AIDS)
     rows = (
-        ("residual", "number of measurements", "000 (56)-(57)"),
-        ("state", "rank of P2 - P1", "000 (48)-(52), rank-aware"),
-        ("two-propagator", "number of measurements", "002, innovation form"),
+        ("residual", "number of measurements", "Zhang 1992 (56)-(57)"),
+        ("state", "rank of P2 - P1", "Zhang 1992 (48)-(52), rank-aware"),
+        ("two-propagator", "number of measurements", "Yang 2016, innovation form"),
         ("glr", "1 for each onset and channel", "Willsky and Jones"),
         ("cusum", "1 (normal scores of the residual statistic)", "Page; Brook and Evans"),
     )
-    found = [Test(name=n, label=TEST_LABELS[n], subjects=aids, dof=dof, source=source) for n, dof, source in rows]
+    found = [
+        Test(name=n, label=TEST_LABELS[n], subjects=aids, dof=dof, source=source, reference=("imu", "altimeter"))
+        for n, dof, source in rows
+    ]
     found += declared_imu_tests(TEST_LABELS, TESTS)
     found.append(
         Test(
@@ -102,7 +106,7 @@ def _tests() -> list[Test]:
             label=TEST_LABELS["parity-trusted"],
             subjects=tuple(f"imu.{c}" for c in CLUSTERS),
             dof="1 while an instrument is out; none while all are trusted",
-            source="001 (29)-(32)",
+            source="Kim 2005 (29)-(32)",
             may_drive=False,
         )
     )
@@ -112,8 +116,17 @@ def _tests() -> list[Test]:
             label=TEST_LABELS["integrity"],
             subjects=("gps",),
             dof="ranges minus unknowns, and rates minus as many; none while it is off",
-            source="003; Brown 1992",
+            source="Chey 2004; Brown 1992",
             may_drive=False,
+        )
+    )
+    found.append(
+        Test(
+            name="altimeter",
+            label=TEST_LABELS["altimeter"],
+            subjects=(ALTIMETER,),
+            dof="1",
+            source="FTLab: innovation before it damps the strapdown",
         )
     )
     return found
@@ -141,6 +154,9 @@ def _signals() -> list[Signal]:
                 group="output",
             )
         )
+    found.append(
+        Signal(name="discrepancy.altimeter", label="altimeter: reading minus its prediction", unit="m", group="output")
+    )
     found += [
         Signal(name="gps.satellites", label="satellites in use", unit="1", group="geometry"),
         Signal(name="gps.excluded", label="satellites left out", unit="1", group="geometry"),
@@ -170,7 +186,7 @@ def description() -> SystemDescription:
         subsystems=(
             Subsystem(name="gps", label="GPS"),
             Subsystem(name="doppler", label="Doppler"),
-            Subsystem(name="altimeter", label="Altimeter", isolable=False),
+            Subsystem(name="altimeter", label="Altimeter"),
         ),
         estimators=ESTIMATORS,
         tests=tuple(_tests()),

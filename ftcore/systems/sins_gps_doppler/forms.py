@@ -1,6 +1,7 @@
 """What can be chosen for the SINS/GPS/Doppler system: parameters at the start, settings in flight.
 
-``source`` in a field's schema says whether 000 gives the number ("paper") or FTLab chose it where 000 is silent.
+``source`` in a field's schema says whether Zhang 1992 gives the number ("paper") or FTLab chose it where Zhang 1992 is
+silent.
 """
 
 from __future__ import annotations
@@ -99,6 +100,12 @@ class Settings(Supervised):
     imu_driving_test: Literal["glt", "parity", "none"] = Field(
         default="glt", title="IMU driven by", description="the test that isolates an instrument of the redundant IMU"
     )
+    altimeter_driving_test: Literal["innovation", "none"] = Field(
+        default="innovation",
+        title="Altimeter driven by",
+        description="the test that isolates the altimeter: its innovation before it damps the strapdown. none: its "
+        "height is taken whatever it says, as in Zhang 1992",
+    )
     fusion_mode: Literal["fusion-reset", "no-reset", "zero-reset", "rescale"] = Field(
         default="fusion-reset",
         title="Fusion mode",
@@ -107,8 +114,9 @@ class Settings(Supervised):
     master: Literal["federated", "covariance-intersection", "tolerant"] = Field(
         default="federated",
         title="Master",
-        description="federated: local filters, merged (000); covariance intersection: the filters that are alone, "
-        "their correlation taken as unknown; tolerant: every subset of the aids, weighed by the driving test's q (002)",
+        description="federated: local filters, merged (Zhang 1992); covariance intersection: the filters that are "
+        "alone, their correlation taken as unknown; tolerant: every subset of the aids, weighed by the driving test's "
+        "q (Yang 2016)",
     )
     doubt_probability: float = Field(
         default=0.1,

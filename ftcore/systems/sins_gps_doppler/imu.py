@@ -1,8 +1,13 @@
 """The redundant IMU as the navigator uses it: checked, reconfigured, solved for body rates and specific force.
 
 Gyros and accelerometers are two clusters of the same geometry; arrays lead with ``(runs, 2)``. Detection works on the
-mean over an epoch. The parity vector is calibrated before the flight (000 leaves the axis biases out; without a
-calibration a healthy unit would alarm forever).
+mean over an epoch. The parity vector is calibrated before the flight (Zhang 1992 leaves the axis biases out; without a
+calibration a healthy unit would alarm forever). Where the axes have scale-factor errors, which a rate or a specific
+force excites, the calibration goes on in flight (:mod:`ftcore.detection.parity_calibration`).
+
+What a healthy unit's parity vector is expected to be is taken off the readings, V' times it. It lies outside the
+solution of all instruments, which does not change; but whichever instruments are left, their solution is then that of
+all of them, to what is known of the parity vector: the biases of the solution do not jump with the instruments.
 
 With an instrument out, isolated or without a reading, the two that are left have one parity equation between them: they
 are watched by it, and if they disagree that is said, confirmed by the supervisor's m-of-n. Who of them it is cannot be
@@ -22,8 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.detection import parity, supervisor
+from ftcore.detection import parity, parity_calibration, supervisor
 from ftcore.detection.geometry import Cluster, mask_index
+from ftcore.earth import STANDARD_GRAVITY
 from ftcore.readings import Group
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_doppler.forms import Settings
@@ -33,18 +39,24 @@ CLUSTERS, INSTRUMENTS = 2, 3
 EVERY_CLUSTER = np.ones((1, CLUSTERS), bool)
 HELD = np.array([0.02, 1.0])
 """1-sigma of what a held angular rate [rad/s] and specific force [m/s^2] miss, anew each second: FTLab's choice."""
+ORDINARY = np.array([1.0, STANDARD_GRAVITY])
+"""A rate and a specific force as they are flown [rad/s, m/s^2]."""
+LEAST = 1e-5
+"""What counts as noise, as a part of the other errors, where the noise itself is less."""
 
 
 @dataclass(frozen=True)
 class ImuState:
-    """What the trusted instruments of each cluster were found to say of each other, the supervisor of the six, and
-    which of them were used in the epoch before ``(runs, 2, 3)``; body rates and forces of that epoch, of the protected
-    and the unprotected solution, mean over its samples ``(runs, 2, 2, 3)``."""
+    """What the trusted instruments of each cluster were found to say of each other, the supervisor of the six, which
+    of them were used in the epoch before ``(runs, 2, 3)``, body rates and forces of that epoch, of the protected and
+    the unprotected solution, mean over its samples ``(runs, 2, 2, 3)``, and what was learned of the clusters' errors
+    (rows are runs times clusters), None where there is nothing to learn in flight."""
 
     rest: supervisor.State
     supervisor: supervisor.State
     used: Flags
     body: Array
+    learned: parity_calibration.State | None
 
 
 @dataclass(frozen=True)
@@ -100,17 +112,35 @@ class RedundantImu:
         calibration: mean readings at rest ``(runs, 2, 6)``.
         calibration_time: how long they were taken [s].
         epoch: seconds between epochs.
+        scale: 1-sigma scale-factor error of the axes [1].
     """
 
     def __init__(
-        self, cluster: Cluster, density: Array, bias: Array, calibration: Array, calibration_time: float, epoch: float
+        self,
+        cluster: Cluster,
+        density: Array,
+        bias: Array,
+        calibration: Array,
+        calibration_time: float,
+        epoch: float,
+        scale: float = 0.0,
     ) -> None:
         self._cluster = cluster
-        self._density, self._bias = density, bias
+        self._density = density
         # In units of its own noise a gyro is an accelerometer: one reference serves both, stacked along the runs.
-        self._unit = np.maximum(density, 1e-12) / math.sqrt(epoch)
-        at_rest = (calibration / self._unit[:, None]).reshape(-1, 1, cluster.axes)
-        self._reference = parity.calibrate(cluster, at_rest, 1.0, math.sqrt(epoch / calibration_time))
+        # Without noise to speak of, what is left of the other errors takes its place.
+        least = np.maximum(LEAST * (bias + scale * ORDINARY), 1e-12)
+        self._unit = np.maximum(density / math.sqrt(epoch), least)
+        rest = (calibration / self._unit[:, None]).reshape(-1, cluster.axes)
+        self._left = math.sqrt(epoch / calibration_time)
+        self._reference = parity.calibrate(cluster, rest[:, None], 1.0, self._left)
+        rows = len(calibration)
+        self._scale = np.full(rows * CLUSTERS, scale)
+        self._learned: parity_calibration.State | None = None
+        if scale > 0.0:
+            x = np.matvec(cluster.gains[-1], rest)
+            own = np.tile(bias / self._unit, rows)
+            self._learned = parity_calibration.start(cluster, rest, x, own, self._left, self._scale)
 
     def initial(self, runs: int) -> ImuState:
         """All instruments trusted."""
@@ -119,6 +149,7 @@ class RedundantImu:
             supervisor.start(runs, CLUSTERS * INSTRUMENTS),
             np.ones((runs, CLUSTERS, INSTRUMENTS), bool),
             np.zeros((runs, 2, CLUSTERS, 3)),
+            self._learned,
         )
 
     def step(
@@ -126,7 +157,7 @@ class RedundantImu:
     ) -> tuple[ImuState, ImuEpoch]:
         """One epoch of samples ``(runs, 6, samples)`` each."""
         samples = np.stack([gyro.values, accelerometer.values], axis=1)
-        runs = len(samples)
+        runs, cluster = len(samples), self._cluster
         mean = samples.mean(axis=-1)
         present: Flags = np.ones((runs, CLUSTERS, INSTRUMENTS), bool)
         if not (gyro.valid.all() and accelerometer.valid.all()):
@@ -136,7 +167,13 @@ class RedundantImu:
         readings = (mean / self._unit[:, None]).reshape(runs * CLUSTERS, -1)
         p_fa = settings.false_alarm_probability
         everybody = bool(present.all())
-        sight = parity.look(self._reference, readings, p_fa, None if everybody else present.reshape(-1, INSTRUMENTS))
+        reference, expected = self._reference, None
+        if state.learned is not None:
+            known = mask_index((state.used & present).reshape(-1, INSTRUMENTS))
+            x = np.matvec(self._cluster.gains[known], readings)
+            expected = parity_calibration.expected(state.learned, self._cluster, x, self._scale)
+            reference = parity_calibration.reference(self._reference, expected)
+        sight = parity.look(reference, readings, p_fa, None if everybody else present.reshape(-1, INSTRUMENTS))
         found = {"parity": parity.by_plane(sight), "glt": parity.by_likelihood(sight)}
 
         def columns(of_set: NDArray[Any], field: str) -> NDArray[Any]:
@@ -168,13 +205,25 @@ class RedundantImu:
         used = np.where(used.sum(axis=-1, keepdims=True) >= 2, used, present)
         now, before = mask_index(used), mask_index(state.used)
         both = np.stack([now, mask_index(present)], axis=1)
-        body = np.swapaxes(self._cluster.gains[both] @ samples[:, None], -1, -2)
-        noise = self._cluster.covariances[both] * np.square(self._density)[:, None, None]
-        if not self._cluster.observable[both].all():
-            unseen = np.eye(3) - self._cluster.gains[both] @ self._cluster.H
+        shape = (runs, CLUSTERS, cluster.axes)
+        usual = np.broadcast_to(reference.bias @ cluster.V, (runs * CLUSTERS, cluster.axes)).reshape(shape)
+        samples = samples - (usual * self._unit[:, None])[..., None]
+        body = np.swapaxes(cluster.gains[both] @ samples[:, None], -1, -2)
+        noise = cluster.covariances[both] * np.square(self._density)[:, None, None]
+        blind = ~cluster.observable[both]
+        if blind.any():
+            unseen = np.where(blind[..., None, None], np.eye(3) - cluster.gains[both] @ cluster.H, 0.0)
             body = body + np.matvec(unseen, state.body)[..., None, :]
             noise = noise + unseen * np.square(HELD)[:, None, None]
-        change = self._cluster.gains[now] - self._cluster.gains[before]
+        change = (cluster.gains[now] - cluster.gains[before]) @ cluster.V.T
+        learned = state.learned
+        if learned is None or expected is None:
+            spread = self._left**2 * np.eye(cluster.V.shape[0])
+        else:
+            spread = expected.spread.reshape(runs, CLUSTERS, *expected.spread.shape[1:])
+            guilty = np.asarray(decision.just_isolated.reshape(-1, INSTRUMENTS).any(axis=-1))
+            p = np.matvec(cluster.V, readings)
+            learned = parity_calibration.learn(learned, expected, p, complete.reshape(-1), guilty)
         epoch = ImuEpoch(
             omega_b=body[:, :, 0],
             f_b=body[:, :, 1],
@@ -188,10 +237,10 @@ class RedundantImu:
             undecided=undecided,
             used=used,
             changed=np.asarray((now != before).any(axis=-1)),
-            bias_change=change @ change.swapaxes(-1, -2) * np.square(self._bias)[:, None, None],
+            bias_change=change @ spread @ change.swapaxes(-1, -2) * np.square(self._unit)[:, None, None],
             noise=noise,
         )
-        return ImuState(rest_supervision, supervision, used, body.mean(axis=-2)), epoch
+        return ImuState(rest_supervision, supervision, used, body.mean(axis=-2), learned), epoch
 
 
 def _rest(sight: parity.Sight, readings: Array, trusted: Flags, complete: Flags) -> tuple[Rest, Flags]:

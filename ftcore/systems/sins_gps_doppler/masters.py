@@ -1,9 +1,9 @@
 """The three masters of the SINS/GPS/Doppler system: how one estimate is made of two aids.
 
-    federated                the local filters' estimates are merged and shared out again (000)
+    federated                the local filters' estimates are merged and shared out again (Zhang 1992)
     covariance-intersection  the filters that are alone are merged as if nothing were known of their correlation
     tolerant                 the fused prediction is updated with every subset of the aids, and the four estimates are
-                             weighed by how far the driving test believes each aid (002)
+                             weighed by how far the driving test believes each aid (Yang 2016)
 
 Whom the supervisor has put out is out in all of them. The tolerant master goes further: an aid that has not alarmed,
 but is beyond the doubt threshold, counts in part, so the estimate does not jump when somebody is excluded. Its validity
@@ -44,15 +44,39 @@ class Fused:
     weights: Array
 
 
+@dataclass(frozen=True)
+class Verdict:
+    """What was decided of GPS and Doppler in one epoch, ``(runs, 2)`` each.
+
+    Attributes:
+        use: measured and fused.
+        suspect: withheld, not judged yet.
+        back: comes back after this epoch.
+        present: has a reading.
+        q, reject, dof: of the driving test where that is a chi-square on the aid's measurement, else 0.
+    """
+
+    use: Flags
+    suspect: Flags
+    back: Flags
+    present: Flags
+    q: Array
+    reject: Array
+    dof: NDArray[np.int64]
+
+
+def verdict(settings: Settings, decision: supervisor.Decision, present: Flags, tests: AidTestResult) -> Verdict:
+    """The supervisor's decision, with what the driving test says of this epoch."""
+    q, reject, dof = np.zeros(present.shape), np.zeros(present.shape), np.zeros(present.shape, np.int64)
+    if settings.driving_test in _WITH_Q:
+        driver = AID_TESTS.index(settings.driving_test)
+        two = slice(2 * driver, 2 * driver + 2)
+        q, reject, dof = tests.statistic[:, two], tests.threshold[:, two], tests.dof[:, two].astype(np.int64)
+    return Verdict(decision.use, decision.suspect, decision.just_readmitted, present, q, reject, dof)
+
+
 def fuse(
-    settings: Settings,
-    sharing: Sharing,
-    prior: Filters,
-    updated: Filters,
-    aids: tuple[Aid, Aid],
-    decision: supervisor.Decision,
-    has_reading: Flags,
-    tests: AidTestResult,
+    settings: Settings, sharing: Sharing, prior: Filters, updated: Filters, aids: tuple[Aid, Aid], decided: Verdict
 ) -> Fused:
     """One epoch's fusion.
 
@@ -60,13 +84,11 @@ def fuse(
         prior: all filters as predicted.
         updated: the same after every filter has taken its own aid, whoever is trusted.
         aids: GPS and Doppler, without satellites that integrity has left out.
-        decision: of the supervisor on the two.
-        has_reading: ``(runs, 2)``.
-        tests: what the tests say of this epoch.
+        decided: of the two, in this epoch.
     """
-    used, back = decision.use, decision.just_readmitted
+    used, back = decided.use, decided.back
     if settings.master == "tolerant":
-        estimate, weights = _tolerant(settings, prior.estimate(FUSED), aids, used, tests)
+        estimate, weights = _tolerant(settings, prior.estimate(FUSED), aids, decided)
         # The local filters follow: each with its part of what is known, ready to take over.
         return Fused(estimate, federated.start(estimate.x, estimate.P, sharing), weights)
     local, alone = list(LOCAL), list(ALONE)
@@ -76,33 +98,26 @@ def fuse(
         x = np.where(used[..., None], x, bank.locals[0])
         P = np.where(used[..., None, None], P, bank.locals[1])
     # A suspect's measurement is withheld from its own filter too, or it would come to the master a little later.
-    contributing = used | decision.suspect
+    contributing = used | decided.suspect
     fallback = prior.estimate(FUSED)
     if settings.master == "covariance-intersection":
         estimate = federated.covariance_intersection(updated.x[:, alone], updated.P[:, alone], used, fallback=fallback)
     else:
         estimate = federated.master_estimate(bank, x, P, contributing, sharing, fallback)
     federation = federated.after_fusion(bank, x, P, estimate, contributing, sharing, back if back.any() else None)
-    return Fused(estimate, federation, tolerant_fusion.subset_weights((used & has_reading).astype(np.float64)))
+    return Fused(estimate, federation, tolerant_fusion.subset_weights((used & decided.present).astype(np.float64)))
 
 
-def _tolerant(
-    settings: Settings, prior: Estimate, aids: tuple[Aid, Aid], used: Flags, tests: AidTestResult
-) -> tuple[Estimate, Array]:
+def _tolerant(settings: Settings, prior: Estimate, aids: tuple[Aid, Aid], decided: Verdict) -> tuple[Estimate, Array]:
     """The estimate of (35)-(36) and the weights of (17), with one model in place of the IMM."""
     runs = len(prior.x)
     layout = Layout(tuple(AIDS), tuple(aid.y.shape[-1] for aid in aids))
     y, H = (np.concatenate([getattr(aid, field)[:, 0] for aid in aids], axis=1) for field in ("y", "H"))
     R = np.concatenate([aid.R[0] for aid in aids], axis=-1)
     valid = np.concatenate([np.broadcast_to(aid.valid, (runs, aid.valid.shape[-1])) for aid in aids], axis=-1)
-    beta, q = used.astype(np.float64), np.zeros(used.shape)
-    if settings.driving_test in _WITH_Q:
-        driver = AID_TESTS.index(settings.driving_test)
-        q, reject, dof = (
-            v.reshape(runs, -1)[:, 2 * driver : 2 * driver + 2] for v in (tests.statistic, tests.threshold, tests.dof)
-        )
-        doubt = chi_square.threshold(settings.doubt_probability, dof.astype(np.int64))
-        beta = np.where(used & (dof > 0), propagators.validity(q, doubt, reject), beta)
+    doubt = chi_square.threshold(settings.doubt_probability, decided.dof)
+    in_part = propagators.validity(decided.q, doubt, decided.reject)
+    beta = np.where(decided.use & (decided.dof > 0), in_part, decided.use.astype(np.float64))
     mixture = imm.start(prior.x, prior.P, np.ones(1))
-    fusion = tolerant_fusion.fuse(tolerant_fusion.subset_updates(mixture, y, H, R, layout, valid), beta, q)
+    fusion = tolerant_fusion.fuse(tolerant_fusion.subset_updates(mixture, y, H, R, layout, valid), beta, decided.q)
     return Estimate(fusion.x, fusion.P), fusion.alpha

@@ -1,10 +1,11 @@
-"""Measurement equations of the two local filters: 000 (59)-(62), as resolved in FTLab.
+"""Measurement equations of the two local filters: Zhang 1992 (59)-(62), as resolved in FTLab.
 
 GPS:      y1 = rho_G - rho_I          = e . dr + d_tu,  and the same for the rates
 Doppler:  y2 = C_bn v_I - v_D         = C_bn (dv - d_k v - d_Delta (up x v) + v x T)        in body axes
 
-000 leaves the attitude term v x T out; at 300 m/s an azimuth error of 1 mrad is 0.3 m/s, more than the radar's noise,
-so it is kept. Body axes keep one row an axis: a lost axis is a lost row. e points from the user to the satellite.
+Zhang 1992 leaves the attitude term v x T out; at 300 m/s an azimuth error of 1 mrad is 0.3 m/s, more than the radar's
+noise, so it is kept. Body axes keep one row an axis: a lost axis is a lost row. e points from the user to the
+satellite.
 """
 
 from __future__ import annotations

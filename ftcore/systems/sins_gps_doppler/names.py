@@ -18,9 +18,10 @@ CLUSTERS = {"gyro": "gyro", "accelerometer": "accelerometer"}
 AIDS = {"gps": "GPS", "doppler": "Doppler"}
 AID_TESTS = ("residual", "state", "two-propagator", "glr", "cusum")
 IMU_TESTS = ("parity", "glt")
+ALTIMETER = "altimeter"
 SUBJECTS = (
-    "gps",
-    "doppler",
+    *AIDS,
+    ALTIMETER,
     *(f"imu.{cluster}.{k}" for cluster in CLUSTERS for k in (1, 2, 3)),
     *(f"gps.{slot}" for slot in SLOTS),
 )
@@ -39,6 +40,7 @@ TEST_LABELS = {
     "glt": "GLT",
     "parity-trusted": "parity test of the trusted",
     "integrity": "satellite integrity test",
+    "altimeter": "altimeter test",
 }
 ROLES = {"fused": "protected", "gps": "local", "doppler": "local", "unprotected": "unprotected"}
 
@@ -57,6 +59,7 @@ TESTS = (
     *redundant_imu_tests(IMU_TESTS),
     *(("parity-trusted", f"imu.{c}") for c in CLUSTERS),
     ("integrity", "gps"),
+    ("altimeter", ALTIMETER),
 )
 
 
@@ -64,6 +67,8 @@ def subject_label(subject: str) -> str:
     """How a person calls a subject of a test."""
     if subject in AIDS:
         return f"SINS/{AIDS[subject]}"
+    if subject == ALTIMETER:
+        return "altimeter"
     words = subject.split(".")
     if words[0] == "gps":
         return f"satellite {words[1]}"

@@ -28,10 +28,14 @@ def blocks() -> list[Block]:
             subsystem="doppler",
         ),
         Block(
-            id="imu-fdi", label="IMU FDI", kind="test", x=27, y=20, width=20, height=14, sensor="imu",
+            id="imu-fdi", label="IMU FDI", kind="test", x=27, y=13, width=20, height=13, sensor="imu",
             settings=("imu_driving_test", "false_alarm_probability"),
         ),
-        Block(id="sins", label="SINS", kind="computer", x=27, y=40, width=20, height=11),
+        Block(id="sins", label="SINS", kind="computer", x=27, y=29, width=20, height=11),
+        Block(
+            id="altimeter-fdi", label="Altimeter FDI", kind="test", x=27, y=43, width=20, height=11,
+            subsystem="altimeter", settings=("altimeter_driving_test", "false_alarm_probability"),
+        ),
         Block(
             id="filter-gps", label="SINS/GPS", kind="filter", x=52, y=2, width=22, height=12, settings=("gps_share",)
         ),
@@ -58,7 +62,8 @@ def wires() -> list[Wire]:
         ("gyro", "imu-fdi", None),
         ("accelerometer", "imu-fdi", None),
         ("imu-fdi", "sins", None),
-        ("altimeter", "sins", "altimeter"),
+        ("altimeter", "altimeter-fdi", None),
+        ("altimeter-fdi", "sins", "altimeter"),
         ("doppler", "filter-doppler", None),
         ("sins", "filter-gps", None),
         ("sins", "filter-doppler", None),

@@ -22,7 +22,7 @@ from ftcore.systems.reporting import (
     quaternion,
     vector,
 )
-from ftcore.systems.sins_gps_doppler.names import AIDS, AXES, CLUSTERS, SLOTS, SUBJECTS, TESTS
+from ftcore.systems.sins_gps_doppler.names import AIDS, ALTIMETER, AXES, CLUSTERS, SLOTS, SUBJECTS, TESTS
 
 Array = NDArray[np.float64]
 
@@ -40,6 +40,7 @@ class Detail:
         parity: ``(runs, 2, 3)`` calibrated parity vectors, gyros and accelerometers [SI].
         doppler: reading and estimated output ``(runs, 2, 3)`` [m/s].
         discrepancy: ``(runs, satellites)`` pseudorange minus its estimated output [m], NaN where there is none.
+        altimeter: ``(runs,)`` strapdown minus altimeter minus what was predicted of that [m], NaN without a reading.
         lines: ``(satellites, 3)`` lines of sight of run 0, NaN where not visible.
         in_use, excluded: ``(runs,)`` satellites in use, and those left out by satellite integrity.
         hdop: ``(runs,)``.
@@ -53,6 +54,7 @@ class Detail:
     parity: Array
     doppler: Array
     discrepancy: Array
+    altimeter: Array
     lines: Array
     in_use: Array
     excluded: Array
@@ -87,6 +89,7 @@ class Reporter:
                 output.used,
                 outputs,
                 detail.discrepancy,
+                -detail.altimeter[:, None],
                 detail.in_use[:, None],
                 detail.excluded[:, None],
                 detail.hdop[:, None],
@@ -141,7 +144,7 @@ class Reporter:
             satellites = f"{taken} of {taken + out} used" if out else f"{taken} satellites"
         unclear = [a.split(".")[1] for a in alarms if a.startswith("parity-trusted")]
         imu_alarms = sorted({a.split(" ")[1] for a in alarms if "imu." in a and a.count(".") == 2})
-        aid_alarms = [a for a in alarms if "imu." not in a]
+        aid_alarms = [a for a in alarms if "imu." not in a and not a.endswith(f" {ALTIMETER}")]
         isolated = [s for s in SUBJECTS if health[s] == "isolated"]
         suspects = [s for s in SUBJECTS if health[s] == "suspect"]
         used = [n for n in AIDS if (health[n] == "ok" if output is None else output.used[0, SUBJECTS.index(n)])]
@@ -150,7 +153,7 @@ class Reporter:
             "gps": sensor("gps", satellites),
             "gyro": instruments("gyro"),
             "accelerometer": instruments("accelerometer"),
-            "altimeter": sensor("altimeter", "damps height"),
+            "altimeter": sensor("altimeter", "1 reading"),
             "doppler": sensor("doppler", "3 axes"),
             "imu-fdi": BlockView(
                 health="suspect" if imu_alarms or unclear else "ok",
@@ -158,6 +161,7 @@ class Reporter:
                 or " ".join(n.removeprefix("imu.") for n in imu_alarms)[:26]
                 or f"{controls.settings.imu_driving_test}",
             ),
+            "altimeter-fdi": self._altimeter(output, health["altimeter"]),
             "sins": BlockView(
                 health="ok", text="degraded IMU" if any(s.startswith("imu") for s in isolated) else "strapdown"
             ),
@@ -179,6 +183,13 @@ class Reporter:
             ),
             "master": BlockView(health="ok" if used else "suspect", text=f"{len(used)} of {len(AIDS)} filters used"),
         }
+
+    def _altimeter(self, output: Output | None, health: Health) -> BlockView:
+        """The altimeter's test: whether its reading damps the vertical channel."""
+        texts = {"ok": "damps height", "suspect": "withheld", "isolated": "excluded", "off": "no damping"}
+        if output is not None and health == "ok" and not output.used[0, SUBJECTS.index(ALTIMETER)]:
+            return BlockView(health="off", text="no reading")
+        return BlockView(health=health, text=texts[health])
 
     def _items(
         self, truth: Truth | None, output: Output | None, health: dict[str, Health], faulted: frozenset[str]

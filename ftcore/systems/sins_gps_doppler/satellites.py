@@ -4,7 +4,7 @@ The pseudoranges and delta pseudoranges of all satellites are compared with each
 them. What may be known is the choice, and one form covers it: the innovation against a prediction whose covariance is
 infinite in every state that counts as unknown.
 
-    snapshot     position, velocity and clock are unknown: the residual of least squares of 003, n - 4 degrees of
+    snapshot     position, velocity and clock are unknown: the residual of least squares of Chey 2004, n - 4 degrees of
                  freedom for the ranges and as many for the rates. Nothing that the navigator believes can deceive it.
     innovation   the clock is unknown, position and velocity come from the strapdown with the covariance of the
                  two-propagator test's reference: n - 1 for each.
@@ -21,7 +21,7 @@ tests of the filter, and GPS goes as a whole.
 Who is named is left out at once with both of its rows, is isolated by the supervisor's m-of-n, and comes back after it
 has agreed, for the hold-off, with the fused prediction, which it had no part in. At most a minority is ever left out.
 Where the culprit cannot be told nobody is: the answer is "cannot isolate", and GPS as a whole is judged by the driving
-test. Source: J. Chey et al., ICCAS 2004 (003); R.G. Brown, Navigation 39 (1992); :mod:`ftcore.detection.raim`.
+test. Source: J. Chey et al., ICCAS 2004; R.G. Brown, Navigation 39 (1992); :mod:`ftcore.detection.raim`.
 """
 
 from __future__ import annotations

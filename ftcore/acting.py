@@ -1,0 +1,77 @@
+"""Which faults act, which are silent and why, and which can never act.
+
+A fault acts in an epoch in which it changes what the navigator is given; see :mod:`ftcore.injection`. One whose sensor
+is switched off, or whose reading the navigator leaves out unseen, does not act.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ftcore.commands import Operator
+from ftcore.faults import Acted, ChannelAddress, Fault
+from ftcore.injection import Effect
+from ftcore.systems.base import Output
+
+
+@dataclass(frozen=True)
+class Deeds:
+    """What the faults of a flight have done so far; a value.
+
+    Attributes:
+        acted: fault id -> when it acted, of all faults that have been live at a sample.
+        silent: fault id -> why it changed nothing in the first run in the last epoch at whose samples it was live.
+    """
+
+    acted: Mapping[str, Acted] = field(default_factory=dict)
+    silent: Mapping[str, str] = field(default_factory=dict)
+
+    def of(self, fault: Fault, runs: int) -> Acted:
+        """When this fault acted."""
+        return self.acted.get(str(fault.id)) or Acted.never(runs)
+
+
+def follow(
+    deeds: Deeds,
+    effects: Mapping[str, Effect],
+    operator: Operator,
+    channels: Mapping[str, ChannelAddress],
+    output: Output,
+    time: float,
+) -> Deeds:
+    """The deeds after the epoch that ends at ``time`` [s], in which the live faults had these effects."""
+    if not effects and not any(acted.now.any() for acted in deeds.acted.values()):
+        return deeds
+    runs = len(output.alarm)
+    acted = {id: a.after(time, np.zeros_like(a.now)) if a.now.any() else a for id, a in deeds.acted.items()}
+    silent = dict(deeds.silent)
+    for fault in operator.faults:
+        id = str(fault.id)
+        effect = effects.get(id)
+        if effect is None:
+            continue
+        changed, because = effect.changed, effect.because
+        left_out = output.left_out.get(channels[fault.channel].group)
+        off = switched_off(channels[fault.channel].sensor, operator.enabled)
+        if off is not None:
+            changed, because = changed & False, f"{off} is switched off"
+        elif left_out is not None:
+            changed = changed & ~left_out.where[:, list(channels[fault.channel].parts)]
+            because = because or left_out.because
+        now = np.asarray(changed.any(axis=-1))
+        acted[id] = deeds.of(fault, runs).after(time, now)
+        silent.pop(id, None)
+        if not now[0] and because is not None:
+            silent[id] = because
+    return Deeds(acted, silent)
+
+
+def switched_off(sensor: str, enabled: Mapping[str, bool]) -> str | None:
+    """The subsystem that this sensor belongs to, if it is switched off."""
+    for name, on in enabled.items():
+        if not on and (sensor == name or sensor.startswith(f"{name}.")):
+            return name
+    return None

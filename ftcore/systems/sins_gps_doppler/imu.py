@@ -37,20 +37,26 @@ from ftcore.systems.sins_gps_doppler.forms import Settings
 Array = NDArray[np.float64]
 CLUSTERS, INSTRUMENTS = 2, 3
 EVERY_CLUSTER = np.ones((1, CLUSTERS), bool)
-HELD = np.array([0.02, 1.0])
-"""1-sigma of what a held angular rate [rad/s] and specific force [m/s^2] miss, anew each second: FTLab's choice."""
 ORDINARY = np.array([1.0, STANDARD_GRAVITY])
 """A rate and a specific force as they are flown [rad/s, m/s^2]."""
 LEAST = 1e-5
 """What counts as noise, as a part of the other errors, where the noise itself is less."""
+HELD = np.array([0.02, 1.0])
+"""1-sigma of what a held angular rate [rad/s] and specific force [m/s^2] miss, anew each second: FTLab's choice."""
 
 
 @dataclass(frozen=True)
 class ImuState:
-    """What the trusted instruments of each cluster were found to say of each other, the supervisor of the six, which
-    of them were used in the epoch before ``(runs, 2, 3)``, body rates and forces of that epoch, of the protected and
-    the unprotected solution, mean over its samples ``(runs, 2, 2, 3)``, and what was learned of the clusters' errors
-    (rows are runs times clusters), None where there is nothing to learn in flight."""
+    """What the redundant IMU carries from one epoch to the next.
+
+    Attributes:
+        rest: supervisor of what the trusted instruments of each cluster say of each other.
+        supervisor: supervisor of the six instruments.
+        used: instruments used in the epoch before ``(runs, 2, 3)``.
+        body: mean body rates [rad/s] and forces [m/s^2] of that epoch, protected and unprotected ``(runs, 2, 2, 3)``.
+        learned: what was learned of the clusters' errors, rows are runs times clusters; None where there is nothing to
+            learn in flight.
+    """
 
     rest: supervisor.State
     supervisor: supervisor.State

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 import sys
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -86,13 +87,16 @@ KINDS = {
 def draw(system: str, number: int) -> Scenario:
     """Schedule ``number`` of a system: the same for ever."""
     kind, description = KINDS[system], SYSTEMS[system].description
-    rng = np.random.default_rng([2026, list(KINDS).index(system), number])
+    address = [2026, list(KINDS).index(system), number]
+    rng = np.random.default_rng(address)
     settings = {}
     for name, field in description.settings_schema["properties"].items():
         choices = field.get("enum", [False, True] if field.get("type") == "boolean" else [])
         choices = [c for c in choices if (name, c) not in kind.unguarded]
         if choices:
-            settings[name] = choices[int(rng.integers(len(choices)))]
+            # Each setting has its own address: a new one changes nothing of the others, nor of the faults.
+            own = np.random.default_rng([*address, zlib.crc32(name.encode())])
+            settings[name] = choices[int(own.integers(len(choices)))]
     parameters = kind.alternatives[int(rng.integers(len(kind.alternatives)))]
     faults = _faults(rng, kind, _families(system, kind.alternatives.index(parameters)))
     return Scenario.model_validate(

@@ -18,7 +18,7 @@ QUICK = {
     "sins-gps-doppler": (0, 1, 2),
     "gps-receiver": (0, 1, 2),
     "redundant-imu": (0,),
-    "sins-gps-bd2-cns": (1, 2, 3),
+    "sins-gps-bd2-cns": (0, 1, 2),
 }
 flown = cache(fly)
 

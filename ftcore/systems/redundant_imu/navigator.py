@@ -279,10 +279,11 @@ class Navigator:
     def _unseen(self, used: Flags, before: Array) -> Array:
         """The part of the rates ``before (runs, 3)`` that the gyros used do not see: held, for want of better."""
         index = geometry.mask_index(used)
-        if self._cluster.observable[index].all():
+        blind = ~self._cluster.observable[index]
+        if not blind.any():
             return np.zeros_like(before)
         seen = self._cluster.gains[index] @ self._cluster.H
-        return np.asarray(before - np.matvec(seen, before))
+        return np.where(blind[:, None], before - np.matvec(seen, before), 0.0)
 
     def _admission(self, episode: Episode, m: Array, trusted: Flags, verdict: fdi.Verdict, settings: Settings) -> Flags:
         """Whether a gyro that is out agrees with what is left, ``(runs, 3)``.

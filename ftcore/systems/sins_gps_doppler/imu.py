@@ -216,8 +216,9 @@ class RedundantImu:
         samples = samples - (usual * self._unit[:, None])[..., None]
         body = np.swapaxes(cluster.gains[both] @ samples[:, None], -1, -2)
         noise = cluster.covariances[both] * np.square(self._density)[:, None, None]
-        if not cluster.observable[both].all():
-            unseen = np.eye(3) - cluster.gains[both] @ cluster.H
+        blind = ~cluster.observable[both]
+        if blind.any():
+            unseen = np.where(blind[..., None, None], np.eye(3) - cluster.gains[both] @ cluster.H, 0.0)
             body = body + np.matvec(unseen, state.body)[..., None, :]
             noise = noise + unseen * np.square(HELD)[:, None, None]
         change = (cluster.gains[now] - cluster.gains[before]) @ cluster.V.T

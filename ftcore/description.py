@@ -62,6 +62,10 @@ class Test(Described):
     alarm_when: Literal["above", "below"] = "above"
     probability: Probability = Field(description="what its false-alarm probability is, for a subject as a whole")
     probability_note: str = Field(default="", description="how far it is off, and why; docs/probabilities.md measures")
+    baseline: bool = Field(
+        default=False,
+        description="of an estimator shown for comparison only: what it notices is not found by the system",
+    )
     reference: tuple[str, ...] = Field(
         default=(),
         description="sensors that the subject is tested against: a fault of theirs enters the statistic, so that an "

@@ -15,7 +15,7 @@ from ftcore.score.errors import SETTLING, worst
 from ftcore.score.healthy import of_alarms
 from ftcore.score.models import EstimatorScore, Headline, IsolationScore, TestScore
 from ftcore.score.names import called
-from ftcore.score.per_fault import Seen, Told, together
+from ftcore.score.per_fault import Seen, Told, together, watching
 from ftcore.score.shares import number
 
 Flags = NDArray[np.bool_]
@@ -61,7 +61,11 @@ def _of_faults(description: SystemDescription, faults: Sequence[Told], runs: int
     quiet = [f"{number(silent, 'other', 'others')} never acted"] if silent else []
     whom = _whom(description, faults)
     acted = [np.any([t.cause.acted for t in group], axis=0) for group in failures.values()]
-    found = [together([s for t in group for s in t.alarms.values()] or [_nothing(runs)]) for group in failures.values()]
+    ours = [test.name for test in watching(description)]
+    found = [
+        together([t.alarms[name] for t in group for name in ours if name in t.alarms] or [_nothing(runs)])
+        for group in failures.values()
+    ]
     out = [together([t.isolation for t in group]) for group in failures.values()]
     if len(failures) == 1:
         (group,) = failures.values()
@@ -114,7 +118,8 @@ def _counted(seen: Seen, acted: Flags, runs: int) -> list[str]:
 def _noticed(description: SystemDescription, group: Sequence[Told], found: Seen, acted: Flags, runs: int) -> list[str]:
     """Which tests noticed first, or that they were in alarm already."""
     labels = {test.name: test.label for test in description.tests}
-    each = {name: together([t.alarms[name] for t in group if name in t.alarms]) for t in group for name in t.alarms}
+    tests = [test.name for test in watching(description) if any(test.name in told.alarms for told in group)]
+    each = {name: together([told.alarms[name] for told in group if name in told.alarms]) for name in tests}
     delays = {name: d for name, seen in each.items() if (d := seen.outcome(acted).delay) is not None}
     order = sorted(delays, key=lambda name: delays[name])
     outcome = found.outcome(acted)
@@ -142,7 +147,8 @@ def _of_alarms(description: SystemDescription, tests: Sequence[TestScore]) -> He
         note = f"of {epochs} tests of sound sensors: {rate} % ({intervals.between(low, high)})"
         if any(t.clustered for t in counted):
             note += f"; in {number(sum(t.stretches for t in counted), 'stretch', 'stretches')}"
-    return Headline(label="False alarms", value=float(alarms), unit="", note=note, detail=of_alarms(counted))
+    detail = f"{of_alarms(counted)}. What a fault explains counts as recovering for {description.recovery:g} s after it"
+    return Headline(label="False alarms", value=float(alarms), unit="", note=note, detail=detail)
 
 
 def _of_isolations(isolations: Sequence[IsolationScore], runs: int) -> Headline:
@@ -150,8 +156,8 @@ def _of_isolations(isolations: Sequence[IsolationScore], runs: int) -> Headline:
     count, hours = sum(s.count for s in isolations), sum(s.hours for s in isolations)
     exposure = f"in {hours:.3g} sensor-hours of use"
     if hours:
-        low, high = intervals.of_rate(count, hours)
-        exposure += f" (95 %: {low:.2g} to {high:.2g} an hour)" if count else f" (95 %: at most {high:.2g} an hour)"
+        low, high = (intervals.figure(x) for x in intervals.of_rate(count, hours))
+        exposure += f" (95 %: {low} to {high} an hour)" if count else f" (95 %: at most {high} an hour)"
     hit = sorted((s for s in isolations if s.count), key=lambda s: -s.count)
     words = []
     for score in hit[:NAMED]:

@@ -170,8 +170,10 @@ def of_isolation(score: IsolationScore) -> str:
     exposure = f"{score.hours:.3g} h in use with nothing wrong about it"
     if score.per_hour is None or score.low is None or score.high is None:
         return f"isolated {number(score.count, 'time', 'times')} wrongly"
-    rate = f"{score.per_hour:.2g} an hour (95 %: {score.low:.2g} to {score.high:.2g})"
-    text = f"isolated {number(score.count, 'time', 'times')} wrongly in {exposure}: {rate}"
+    rate, low, high = (intervals.figure(x) for x in (score.per_hour, score.low, score.high))
+    text = (
+        f"isolated {number(score.count, 'time', 'times')} wrongly in {exposure}: {rate} an hour (95 %: {low} to {high})"
+    )
     if score.runs.of > 1:
         text += f"; in {score.runs.words}"
     if score.count:

@@ -49,3 +49,8 @@ def percent(share: float) -> str:
 def between(low: float, high: float) -> str:
     """An interval of a share in words: ``95 %: 55.5 to 99.7 %``."""
     return f"{100 * CONFIDENCE:.0f} %: {percent(low)} to {percent(high)} %"
+
+
+def figure(rate: float) -> str:
+    """A rate as a person reads it: two digits, whole numbers from 100 on."""
+    return f"{rate:.0f}" if rate >= 99.5 else f"{rate:.2g}"

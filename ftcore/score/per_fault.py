@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.description import SystemDescription
+from ftcore.description import SystemDescription, Test
 from ftcore.faults import KINDS, ChannelAddress, Fault
 from ftcore.recording import Recording
 from ftcore.score.blame import Cause, Judge
 from ftcore.score.errors import worst as worst_of
 from ftcore.score.history import SLACK, Spells, first_between
-from ftcore.score.models import FaultScore, Outcome
+from ftcore.score.models import FaultScore, Outcome, Share
 from ftcore.score.shares import share
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ def tell(
     outcomes = {name: seen.outcome(acted) for name, seen in alarms.items()}
     isolated = isolation.outcome(acted)
     wronged = _wronged(cause, judge)
-    at_end, back = _readmitted(cause, named, judge.runs)
+    at_end, back = _readmitted(cause, named, recording)
     hit = np.any(list(wronged.values()), axis=0) if wronged else np.zeros(judge.runs, bool)
     wrong = share(int(hit.sum()), int(acted.sum()), ACTED)
     score = score.model_copy(
@@ -198,10 +198,11 @@ def _wronged(cause: Cause, judge: Judge) -> dict[str, Flags]:
     return found
 
 
-def _readmitted(cause: Cause, named: Mapping[str, Spells], runs: int) -> tuple[Flags, Array]:
+def _readmitted(cause: Cause, named: Mapping[str, Spells], recording: Recording) -> tuple[Flags, Array]:
     """Runs in which a culprit was out when the fault ended, and how long until it was back [s], ``(runs,)`` each."""
+    runs = len(cause.first)
     at_end, back = np.zeros(runs, bool), np.full(runs, np.nan)
-    if cause.fault.end is None:
+    if cause.fault.end is None or cause.fault.end > recording.time[-1] + SLACK:
         return at_end, back
     end = np.where(cause.acted, cause.fault.end, np.nan)
     for spells in named.values():
@@ -213,28 +214,39 @@ def _readmitted(cause: Cause, named: Mapping[str, Spells], runs: int) -> tuple[F
     return at_end, back
 
 
+def watching(description: SystemDescription) -> list[Test]:
+    """Tests by which the system itself can find a fault."""
+    return [test for test in description.tests if not test.baseline]
+
+
 def words(score: FaultScore, description: SystemDescription) -> str:
     """One line about a fault that acted: found, named, who was wronged, each with its denominator."""
+    single = score.acted.of == 1
+
+    def counted(share: Share) -> str:
+        return "" if single else f" in {share.words}"
+
     labels = {test.name: test.label for test in description.tests}
-    noticed = [(name, o) for name, o in score.alarms.items() if o.delay is not None]
+    alarms = {test.name: score.alarms[test.name] for test in watching(description) if test.name in score.alarms}
+    noticed = [(name, o) for name, o in alarms.items() if o.delay is not None]
     noticed.sort(key=lambda pair: (-pair[1].after_onset.count, pair[1].delay))
-    parts = [f"acted in {score.acted.words}"]
+    parts = [] if single else [f"acted in {score.acted.words}"]
     if noticed:
         name, best = noticed[0]
-        parts.append(f"noticed by {labels[name]} after {best.delay:g} s in {best.after_onset.words}")
-    elif any(o.already.count for o in score.alarms.values()):
-        name, best = max(score.alarms.items(), key=lambda pair: pair[1].already.count)
-        parts.append(f"{labels[name]} already in alarm in {best.already.words}")
+        parts.append(f"noticed by {labels[name]} after {best.delay:g} s{counted(best.after_onset)}")
+    elif any(o.already.count for o in alarms.values()):
+        name, best = max(alarms.items(), key=lambda pair: pair[1].already.count)
+        parts.append(f"{labels[name]} already in alarm{counted(best.already)}")
     else:
         parts.append("not noticed by any test")
     if score.isolation is not None:
         out = score.isolation
         if out.delay is not None:
-            parts.append(f"{', '.join(score.isolated)} isolated after {out.delay:g} s in {out.after_onset.words}")
+            parts.append(f"{', '.join(score.isolated)} isolated after {out.delay:g} s{counted(out.after_onset)}")
         if out.already.count:
-            parts.append(f"isolated already in {out.already.words}")
+            parts.append(f"isolated already{counted(out.already)}")
         if out.missed.count == out.missed.of:
             parts.append("nobody isolated for it")
     if score.wrong is not None and score.wrong.count:
-        parts.append(f"wrongly isolated meanwhile: {', '.join(score.wrong_isolations)}, in {score.wrong.words}")
+        parts.append(f"wrongly isolated meanwhile: {', '.join(score.wrong_isolations)}{counted(score.wrong)}")
     return "; ".join(parts)

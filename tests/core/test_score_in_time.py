@@ -35,6 +35,15 @@ TESTS = (
     DeclaredTest(
         name="satellite", label="satellite test", subjects=SATELLITES, dof="1", source="tests", probability="exact"
     ),
+    DeclaredTest(
+        name="old",
+        label="old filter's test",
+        subjects=("cns",),
+        dof="1",
+        source="tests",
+        probability="exact",
+        baseline=True,
+    ),
 )
 USED = ("gps", "cns", "altimeter", "imu.gyro.1", "imu.gyro.2", "imu.gyro.3", "gps.C1", "gps.C2")
 CHANNELS = {
@@ -283,6 +292,13 @@ def test_given_a_test_in_alarm_at_onset_in_a_single_run_then_the_strip_says_alre
     assert item.note == "already in alarm: residual test"
 
 
+def test_given_only_a_baselines_test_notices_then_the_system_has_not_found_the_fault() -> None:
+    score = Flight().fault("cns.attitude.roll", 50.0).alarm("old", "cns", 52.0, 60.0).score()
+    assert only_fault(score).time_to_alarm["old"] == 2.0
+    assert "not noticed by any test" in only_fault(score).words
+    assert (score.headline[0].value, score.headline[0].note) == (None, "not noticed yet")
+
+
 def test_given_a_subject_isolated_at_onset_then_it_is_neither_isolated_for_it_nor_missed() -> None:
     outcome = only_fault(Flight().fault("cns.attitude.roll", 50.0).isolate("cns", 40.0, 70.0).score()).isolation
     assert outcome is not None
@@ -303,6 +319,21 @@ def test_delays_count_from_the_first_epoch_in_which_the_fault_acted_in_each_run(
     assert fault.isolation.after_onset.of == 2
     assert fault.isolated_share == 1.0
     assert "2 of 3 runs" in fault.words
+
+
+def test_readmission_counts_from_the_end_of_the_fault_in_the_runs_that_were_out_then() -> None:
+    flight = Flight(runs=3).fault("cns.attitude.roll", 20.0, 40.0)
+    flight.isolate("cns", 22.0, 46.0, run=0).isolate("cns", 22.0, 30.0, run=1).isolate("cns", 22.0, 101.0, run=2)
+    fault = only_fault(flight.score())
+    assert fault.time_to_readmit == 6.0
+    assert fault.readmission is not None
+    assert (fault.readmission.count, fault.readmission.of) == (1, 2)
+
+
+def test_given_the_fault_is_not_over_then_nothing_is_said_of_readmission() -> None:
+    flight = Flight(seconds=30).fault("cns.attitude.roll", 20.0, 40.0, first=[20.0]).isolate("cns", 22.0, 31.0)
+    fault = only_fault(flight.score())
+    assert (fault.time_to_readmit, fault.readmission) == (None, None)
 
 
 def test_given_a_fault_that_never_acted_then_it_is_neither_found_nor_missed_and_says_why() -> None:

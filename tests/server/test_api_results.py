@@ -109,7 +109,24 @@ def test_the_score_says_what_the_fault_cost(flight: Flight) -> None:
     (fault,) = score["faults"]
     assert fault["channel"] == "ruler.position.x"
     assert fault["time_to_alarm"]["size"] < 0.5
+    assert fault["alarms"]["size"]["after_onset"]["words"] == "1 of 1 runs in which it acted"
+    assert fault["words"].startswith("noticed by size after")
     assert score["headline"]
+
+
+def test_every_rate_of_the_score_has_its_denominator_and_its_interval(flight: Flight) -> None:
+    flight.advance(until=50.0)
+    score = flight.get("/score")
+    (test,) = score["tests"]
+    assert test["epochs"] == 500
+    assert test["low"] <= test["false_alarm_rate"] <= test["high"]
+    assert f"in {test['epochs']} tests" in test["words"]
+    (ruler,) = score["isolations"]
+    assert (ruler["count"], ruler["hours"]) == (0, pytest.approx(50.0 / 3600))
+    assert ruler["low"] == 0.0 < ruler["high"]
+    strip = {item["label"]: item for item in score["headline"]}
+    assert strip["False alarms"]["note"].startswith("of 500 tests of sound sensors")
+    assert "sensor-hours" in strip["False isolations"]["note"]
 
 
 def test_a_report_is_one_page_that_needs_nothing_else(flown: Flight) -> None:
@@ -126,6 +143,8 @@ def test_a_report_is_one_page_that_needs_nothing_else(flown: Flight) -> None:
     assert facts["scenario"]["commands"][0]["action"] == "inject"
     assert facts["charts"][0]["columns"][ERROR]
     assert facts["events"][0]["kind"] == "fault.injected"
+    assert facts["score"]["tests"][0]["words"]
+    assert facts["score"]["isolations"][0]["words"]
 
 
 def test_a_reports_text_cannot_become_markup(client: TestClient) -> None:

@@ -85,6 +85,13 @@ def short(tmp_path: Path) -> str:
         (["run", "--observation", "a.05o"], {}, "--navigation is missing"),
         (["run", "--navigation", "a.05n"], {}, "--observation is missing"),
         (["run", "zhang-1992", "--antenna", "1,2,3"], {}, "belongs to a log"),
+        (["run", "zhang-1992", "--noise-floor", "5"], {}, "belongs to a log"),
+        (
+            ["run", "--observation", "a", "--navigation", "b", "--noise-floor", "0"],
+            {},
+            "--noise-floor: a noise floor of 0",
+        ),
+        (["run", "--observation", "a", "--navigation", "b", "--noise-floor", "x"], {}, "--noise-floor"),
         (["run", "--observation", "a.05o", "--navigation", "a.05n"], {}, "there is no observation file 'a.05o'"),
         (["run", "--observation", "a", "--navigation", "b", "--antenna", "1,2"], {}, "three numbers"),
         (["run", "--observation", "a", "--navigation", "b", "--antenna", "nan,0,0"], {}, "three numbers"),
@@ -257,3 +264,15 @@ def test_it_serves_until_it_is_stopped(ftlab: Command) -> None:
         process.kill()
     assert f"http://127.0.0.1:{port}/" in out
     assert "Traceback" not in err
+
+
+def test_given_a_batch_then_every_rate_is_told_with_denominator_and_interval(ftlab: Command, tmp_path: Path) -> None:
+    path = tmp_path / "step.json"
+    path.write_text(Scenario.load("chey-2004-step").model_copy(update={"duration": 60.0}).model_dump_json())
+    code, out, err = ftlab("run", str(path), "--runs", "3")
+    told = " ".join(out.split())
+    assert (code, err) == (0, "")
+    assert "3 of 3 runs in which it acted (95 %: 29.2 to 100 %)" in told
+    assert "False isolations" in told
+    assert "sensor-hours of use (95 %: at most" in told
+    assert "tests taken as independent" in told

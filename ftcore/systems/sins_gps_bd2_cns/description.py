@@ -97,6 +97,7 @@ def _tests() -> list[Test]:
             dof=dof,
             source=source,
             may_drive=drives,
+            baseline=not drives,
             reference=("imu",),
             probability="approximate",
             probability_note=note,

@@ -32,7 +32,7 @@ from ftcore.estimation import kalman
 
 KEPT = 10
 """Epochs between the states that are kept to go back to."""
-WANDER = 0.005
+WANDER, WANDER_OF_SCALE = 0.005, 0.001
 """Random walk an epoch: of V b in units of the white noise, of s in units of its 1-sigma."""
 P_GROSS = 1e-6
 """Parity vectors that a healthy cluster exceeds with this probability teach nothing."""
@@ -115,7 +115,9 @@ def learn(state: State, expected: Expected, p: Array, healthy: Mask, guilty: Mas
     S = expected.spread + np.eye(r)
     healthy = healthy & (np.vecdot(off, np.linalg.solve(S, off[..., None])[..., 0]) < chi_square.threshold(P_GROSS, r))
     if healthy.any():
-        P = now.P + WANDER**2 * np.eye(now.P.shape[-1])
+        wander = np.full(now.P.shape[-1], WANDER_OF_SCALE**2)
+        wander[:r] = WANDER**2
+        P = now.P + np.diag(wander)
         done = kalman.update(now.x, P, p, expected.H, np.ones((1, r)), joseph=True)
         now = _where(healthy, Knowledge(done.x, done.P), now)
     if guilty.any():

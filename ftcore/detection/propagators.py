@@ -3,9 +3,10 @@
 The two propagators (`ftcore.detection.chi_square.Propagators`) are carried on by time alone; the older of them is the
 reference. A subsystem's detection value q is chi-square on its own rows while nothing has failed, in two forms.
 
-*Innovation*: q = r' S^-1 r, r = z - H x_S, S = H P_S H' + R, with the reference's x_S and P_S. Exactly chi-square, and
-equal to (12) when the update x_KF starts from x_S: then x_KF - x_S = K r and P_S - P_KF = K S K' has the rank of the
-measurement, which is why the paper's thresholds 6.25 and 11.35 are those of three degrees of freedom among 15 states.
+*Innovation*: q = r' S^-1 r, r = z - H x_S, S = H P_S H' + R, with the reference's x_S and P_S. Chi-square exactly while
+the reference's model is the truth's, and equal to (12) when the update x_KF starts from x_S: then x_KF - x_S = K r and
+P_S - P_KF = K S K' has the rank of the measurement, which is why the paper's thresholds 6.25 and 11.35 are those of
+three degrees of freedom among 15 states.
 
 *State*: (12) itself, with x_KF the local IMM's update of the *fused* prediction, on the subsystem's own components,
 q = d' W^-1 d, d = H (x_KF - x_S), W = H (P_S - P_KF) H'. A fault moves x_KF by the gain only, so it is seen later.

@@ -141,8 +141,8 @@ class Settings(Supervised):
     driving_test: Literal["two-propagator", "two-propagator-state", "none"] = Field(
         default="two-propagator",
         title="Form of q",
-        description="whose q weighs the aids: the innovation form is chi-square 3 exactly; the state form compares the "
-        "filter's estimate with the propagator's and is slower. none: everybody is trusted",
+        description="whose q weighs the aids: the innovation form is chi-square 3 for a matched model; the "
+        "state form compares the filter's estimate with the propagator's and is slower. none: everybody is trusted",
     )
     false_alarm_probability: float = Field(
         default=0.01,

@@ -41,6 +41,8 @@ from ftcore.systems.sins_gps_doppler.names import (
 )
 from ftcore.systems.sins_gps_doppler.pictures import blocks, scene, wires
 
+_ALIKE = "in any one epoch; the epochs of a run are alike, so alarms are few and last long"
+_SHARED = "at 0.4 to 1 of the stated probability: the epochs of a run share the error of the reference"
 _GLR = "the largest of many likelihood ratios, as if they were independent (Sidak)"
 
 
@@ -94,8 +96,8 @@ def _tests() -> list[Test]:
     aids = tuple(AIDS)
     rows: tuple[tuple[str, str, str, Probability, str], ...] = (
         ("residual", "number of measurements", "Zhang 1992 (56)-(57)", "exact", ""),
-        ("state", "rank of P2 - P1", "Zhang 1992 (48)-(52), rank-aware", "exact", ""),
-        ("two-propagator", "number of measurements", "Yang 2016, innovation form", "exact", ""),
+        ("state", "rank of P2 - P1", "Zhang 1992 (48)-(52), rank-aware", "exact", _ALIKE),
+        ("two-propagator", "number of measurements", "Yang 2016, innovation form", "bounded", _SHARED),
         ("glr", "1 for each onset and channel", "Willsky and Jones", "bounded", _GLR),
         ("cusum", "1 (normal scores of the residual statistic)", "Page; Brook and Evans", "exact", ""),
     )

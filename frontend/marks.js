@@ -158,6 +158,7 @@ export function sentence(event, description) {
     case 'settings.changed':
       return `Settings: ${Object.entries(detail).map(([key, value]) => `${words(key)} ${value}`).join(', ')}`;
     default:
+      if (typeof detail.text === 'string') return capital(detail.text);
       return `${capital(words(kind))}: ${who}`;
   }
 }
@@ -166,6 +167,7 @@ export function sentence(event, description) {
 export function reason(event, description) {
   const { kind, detail } = event;
   if (kind.startsWith('fault.') || kind === 'settings.changed' || kind === 'subsystem.switched') return '';
+  if (typeof detail.text === 'string') return '';  // its numbers are in the sentence
   if (Array.isArray(detail.alarms)) {
     const all = detail.alarms.map((alarm) => comparison(alarm, description, true, true)).join('; ');
     // What alarmed until then is not what admitted it.

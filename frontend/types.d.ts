@@ -56,12 +56,12 @@ export interface Experiment {
 }
 export interface Event { index: number; time: number; run: number; kind: string; subject: string; detail: Record<string, any> }
 export interface BlockView { health: Health; text: string }
-export interface ItemView { vector: [number, number, number] | null; health: Health; visible: boolean }
+export interface ItemView { vector: [number, number, number] | null; rotation?: [number, number, number, number] | null; health: Health; visible: boolean }
 export interface View { time: number; blocks: Record<string, BlockView>; items: Record<string, ItemView> }
 export interface HeadlineItem { label: string; value: number | null; unit: string; note?: string; detail?: string; compare_label: string | null; compare: number | null }
 export interface Score { headline: HeadlineItem[] }
 export interface Series { time: number[]; signals: Record<string, (number | null)[]> }
-export interface LogLimits { observation_bytes: number; navigation_bytes: number; epochs: number }
+export interface LogLimits { observation_bytes: number; navigation_bytes: number; epochs: number; noise_floor: number; least_noise_floor: number; largest_noise_floor: number }
 export interface Call { method: string; path: string; body?: unknown; status: number | null; ms: number; at: number }
 
 /** A stretch of time in which something was so: a fault live, a test alarmed, a subsystem isolated. */

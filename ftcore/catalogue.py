@@ -82,6 +82,7 @@ def log_scenario(
     navigation: str,
     antenna: tuple[float, float, float] | None = None,
     max_epochs: int = MAX_EPOCHS,
+    noise_floor: float | None = None,
 ) -> dict[str, Any]:
     """Scenario document that plays a receiver's log, by the system that flies logs.
 
@@ -89,9 +90,11 @@ def log_scenario(
         observation, navigation: RINEX files of the same day.
         antenna: true position, Earth-fixed [m]; the observation file's approximate position if absent.
         max_epochs: of the longest log that is taken.
+        noise_floor: pseudorange 1-sigma that is assumed at every elevation [m], see
+            :data:`ftcore.systems.base.NOISE_FLOOR`; the usual one if absent.
 
     Raises:
         LogError: one sentence about the file that cannot be used.
     """
     system = next(system for system in SYSTEMS.values() if isinstance(system, FliesLogs))
-    return system.log_scenario(observation, navigation, antenna, max_epochs)
+    return system.log_scenario(observation, navigation, antenna, max_epochs, noise_floor)

@@ -35,6 +35,10 @@ KINDS = (
     "integrity.cannot-detect",
     "integrity.no-fix",
     "integrity.restored",
+    "log.reading",
+    "log.noise",
+    "log.moving",
+    "log.antenna",
 )
 
 

@@ -23,7 +23,7 @@ _ID, _NAME, _LINE, _TEXT = (re.compile(p[:-1] + r"\Z") for p in (ID_PATTERN, NAM
 def _id(value: str) -> str:
     if not _ID.match(value):
         raise PydanticCustomError(
-            "identifier", "an id has 1 to 60 letters a-z, digits, - and _, and begins with a letter or a digit"
+            "identifier", "an id has 1 to 60 letters (a-z, A-Z), digits, - and _, and begins with a letter or a digit"
         )
     return value
 
@@ -31,7 +31,7 @@ def _id(value: str) -> str:
 def _name(value: str) -> str:
     if not _NAME.match(value) or len(value) > 80:
         raise PydanticCustomError(
-            "identifier", "a name has at most 80 letters a-z, digits, -, _ and +, in words joined by single dots"
+            "identifier", "a name has at most 80 letters (a-z, A-Z), digits, -, _ and +, in words joined by single dots"
         )
     return value
 

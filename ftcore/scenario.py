@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationInfo, field_validator, model_validator
 
 from ftcore.faults import Fault, FaultError, check
 from ftcore.identifiers import Id, Line, Name, Text
@@ -95,7 +95,7 @@ class Scenario(Strict):
     settings: dict[str, Any] = Field(default_factory=dict, description="changeable in flight; schema: the system's")
     subsystems: dict[str, bool] = Field(default_factory=dict, description="switched on or off at the start")
     faults: tuple[Fault, ...] = Field(default=(), max_length=MAX_FAULTS)
-    commands: tuple[Command, ...] = Field(
+    commands: Annotated[tuple[Command, ...], FailFast()] = Field(
         default=(), max_length=20000, description="what the operator did, to replay it"
     )
 

@@ -128,6 +128,8 @@ class Simulation:
         self._recording = Recording(self.description.signals, runs, self.period, max_epochs)
         self._events: list[Event] = []
         self._log: list[Command] = []
+        for remark in self._assembly.remarks:
+            self._event(-1, remark.kind, remark.subject, {"text": remark.text, **remark.numbers})
         for i, fault in enumerate(scenario.faults):
             try:
                 self._inject(fault.model_copy(update={"start": fault.start or 0.0}))

@@ -15,7 +15,7 @@ from starlette.middleware.gzip import GZipMiddleware
 from ftcore.sensors import rinex
 from ftcore.threads import one_blas_thread
 from server import pages, problems, scene_proxy
-from server.limits import Answered, BodyLimit, SocketLimit
+from server.limits import DOCUMENT_PATH, SMALL_BODY, Answered, BodyLimit, SocketLimit
 from server.openapi import describe
 from server.registry import ExperimentRegistry
 from server.routes import experiments, logs, meta, operator, results, scenarios, stream, systems, time
@@ -72,7 +72,8 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     for router in (api, scene_proxy.router, pages.router):
         app.include_router(router)
     app.add_middleware(GZipMiddleware, minimum_size=1400, compresslevel=4)
-    app.add_middleware(BodyLimit, most=settings.max_body_bytes, wider={UPLOAD_PATH: settings.max_log_bytes})
+    wider = {DOCUMENT_PATH: settings.max_body_bytes, UPLOAD_PATH: settings.max_log_bytes}
+    app.add_middleware(BodyLimit, most=min(SMALL_BODY, settings.max_body_bytes), wider=wider)
     app.add_middleware(SocketLimit, most=settings.sockets_per_client)
     app.add_middleware(Security, doorkeeper=doorkeeper)
     app.add_middleware(Answered, leaving=lambda: app.state.registry.leaving)

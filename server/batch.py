@@ -69,19 +69,25 @@ def _simulation(scenario: Scenario, runs: int, seed: int | None) -> Simulation:
         raise UserError(str(error)) from None
 
 
-def log_from(observation: str | None, navigation: str | None, antenna: str | None) -> dict[str, Any] | None:
+def log_from(
+    observation: str | None, navigation: str | None, antenna: str | None, noise_floor: float | None = None
+) -> dict[str, Any] | None:
     """Scenario document of a receiver's log; None if there is none. Raises UserError."""
     if observation is None and navigation is None:
         if antenna is not None:
             raise UserError("--antenna belongs to a log: give --observation and --navigation too")
+        if noise_floor is not None:
+            raise UserError("--noise-floor belongs to a log: give --observation and --navigation too")
         return None
     if observation is None or navigation is None:
         missing = "--observation" if observation is None else "--navigation"
         raise UserError(f"a log is two files: {missing} is missing")
     try:
-        return catalogue.log_scenario(observation, navigation, None if antenna is None else _position(antenna))
+        place = None if antenna is None else _position(antenna)
+        return catalogue.log_scenario(observation, navigation, place, noise_floor=noise_floor)
     except ValueError as error:
-        raise UserError(str(error)) from None
+        option = "--noise-floor: " if getattr(error, "part", None) == "floor" else ""
+        raise UserError(f"{option}{error}") from None
 
 
 def document(scenario: str | None, log: dict[str, Any] | None, faults: Sequence[str]) -> Scenario:
@@ -200,6 +206,9 @@ def _show(score: Score, simulation: Simulation, console: Console) -> None:
             _number(estimator.velocity.rms, "m/s"),
             _number(estimator.nees, f"of {estimator.nees_dof}" if estimator.nees_dof else ""),
         )
+    for event in simulation.events:
+        if "text" in event.detail and event.time == 0.0:
+            console.print(f"note: {event.detail['text']}", highlight=False, markup=False)
     for table in (headline, faults, sound, estimators):
         if table.row_count:
             console.print()

@@ -96,6 +96,9 @@ def run(
     observation: Annotated[str | None, typer.Option(help="A receiver's log: RINEX observation file.")] = None,
     navigation: Annotated[str | None, typer.Option(help="Its navigation file, of the same day.")] = None,
     antenna: Annotated[str | None, typer.Option(help="True position of its antenna: x,y,z, Earth-fixed, m.")] = None,
+    noise_floor: Annotated[
+        float | None, typer.Option(help="Pseudorange 1-sigma to assume of the log at every elevation, m.")
+    ] = None,
     fault: Annotated[
         list[str] | None, typer.Option(help="A fault as JSON, as over REST; may be given several times.")
     ] = None,
@@ -109,7 +112,12 @@ def run(
     """
     from server import batch
 
-    batch.fly(batch.document(scenario, batch.log_from(observation, navigation, antenna), fault or []), runs, seed, out)
+    batch.fly(
+        batch.document(scenario, batch.log_from(observation, navigation, antenna, noise_floor), fault or []),
+        runs,
+        seed,
+        out,
+    )
 
 
 def main() -> None:

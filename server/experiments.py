@@ -105,10 +105,21 @@ class Experiment:
 
         Raises:
             CommandError: refused, nothing has changed.
+            Refused: the experiment was deleted while the command waited for its turn.
         """
-        result = await self.read(do)
+
+        def done(simulation: Simulation) -> T:
+            self._still_there()
+            return do(simulation)
+
+        result = await self.read(done)
         self._publish(at_once=True)
         return result
+
+    def _still_there(self) -> None:
+        """Raise Refused if the experiment was deleted after a request had found it."""
+        if self.closed:
+            raise Refused(410, f"the experiment {self.id!r} was deleted meanwhile")
 
     async def _alone(self, work: Callable[[], Awaitable[T]]) -> T:
         """Run ``work`` under the lock. A caller that gives up does not open the lock under a thread at work."""
@@ -169,6 +180,7 @@ class Experiment:
         Raises:
             Refused: the flight is over or has failed, or an advance flies that a running clock would overrun.
         """
+        self._still_there()
         if state == "running":
             self._may_fly()
             self._no_other_advance("pause the clock first, or wait for its end")
@@ -288,6 +300,7 @@ class Experiment:
         """
 
         def back(simulation: Simulation) -> float:
+            self._still_there()
             before = simulation.epoch
             simulation.rewind(to)
             self.stop_advance("rewound")

@@ -17,6 +17,10 @@ from server.problems import problem
 
 Clock = Callable[[], float]
 
+DOCUMENT_PATH = "/api/v1/experiments"
+"""Where whole scenarios come in."""
+SMALL_BODY = 64_000
+"""Largest body of everything else that is no upload [bytes]: a command says what it says in less."""
 BODY_SECONDS, BODY_RATE = 20.0, 10_000.0
 """A body has this long [s], and longer by what has come of it at this rate [bytes/s]."""
 

@@ -157,6 +157,9 @@ class LogLimits(Answer):
     observation_bytes: int = Field(description="of the observation file")
     navigation_bytes: int = Field(description="of the navigation file")
     epochs: int
+    noise_floor: float = Field(description="that is assumed where none is given", json_schema_extra={"unit": "m"})
+    least_noise_floor: float = Field(json_schema_extra={"unit": "m"})
+    largest_noise_floor: float = Field(json_schema_extra={"unit": "m"})
 
 
 # ---- time -------------------------------------------------------------------------------------------------------

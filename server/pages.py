@@ -67,11 +67,14 @@ def respond(file: File, request: Request, cache: str, headers: dict[str, str] | 
 
 def _below(folder: Path, name: str) -> File:
     """A file below a folder. Raises Refused (404) for anything else, links that lead out included."""
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder.resolve()) or not path.is_file():
-        raise Refused(404, f"there is no file {name!r}")
-    status = path.stat()
-    return _read(path, status.st_mtime_ns, status.st_size)
+    try:
+        path = (folder / name).resolve()
+        if path.is_relative_to(folder.resolve()) and path.is_file():
+            status = path.stat()
+            return _read(path, status.st_mtime_ns, status.st_size)
+    except (OSError, ValueError):  # a name that no file can have
+        pass
+    raise Refused(404, f"there is no file {name[:80]!r}")
 
 
 def _resource(name: str) -> File:
@@ -129,7 +132,11 @@ def login_form(request: Request) -> Response:
 async def login(request: Request) -> Response:
     """Gives a session cookie for the token."""
     doorkeeper: Doorkeeper = request.app.state.doorkeeper
-    given = parse_qs((await request.body()).decode("utf-8", "replace")).get("token", [""])[0]
+    form = (await request.body()).decode("utf-8", "replace")
+    try:
+        given = parse_qs(form, max_num_fields=8).get("token", [""])[0]
+    except ValueError:
+        given = ""
     try:
         session = doorkeeper.tried(given, client_of(request.scope))
     except TooSoon as wait:

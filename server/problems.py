@@ -11,6 +11,7 @@ import json
 import logging
 from collections.abc import Container, Iterable, Sequence
 from http import HTTPStatus
+from itertools import islice
 from typing import Any
 
 from fastapi import FastAPI, Request, Response
@@ -91,6 +92,7 @@ _MEANING = {
     404: "There is nothing of that name.",
     406: "None of the media types asked for can be given.",
     409: "Well-formed, but it contradicts itself or the state of the experiment. Nothing has changed.",
+    408: "The body did not come in time.",
     410: "It was deleted meanwhile.",
     413: "The body is too large.",
     415: "The body is not sent as the media type that is wanted.",
@@ -107,7 +109,7 @@ def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
             "description": _MEANING[status],
             "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
         }
-        for status in sorted({403, *statuses})
+        for status in sorted({403, *statuses, *((408,) if 413 in statuses else ())})
     }
 
 
@@ -124,6 +126,10 @@ def at(location: Sequence[Any], detail: str, accepted: list[str] | None = None, 
     return FieldError(field=field, parameter=field, detail=detail, accepted=accepted)
 
 
+MOST_ERRORS = 20
+"""How many things that are wrong with one request are told; a document can be wrong in a hundred thousand places."""
+
+
 def field_errors(
     errors: Iterable[Any], given: Any, form: Any = None, prefix: Sequence[Any] = (), source: str = "body"
 ) -> list[FieldError]:
@@ -137,14 +143,14 @@ def field_errors(
         source: body, query or path.
     """
     found: dict[tuple[Any, ...], FieldError] = {}
-    for error in errors:
+    for error in islice(errors, 5 * MOST_ERRORS):
         inner = place(error["loc"], given) or _named_in(str(error["msg"]), form)
         detail, accepted = _in_words(error, inner, form)
         location = (*prefix, *inner)
         if location in found and detail != found[location].detail:
             detail = f"{found[location].detail}; or {detail}"
         found[location] = at(location, detail, accepted, source)
-    return list(found.values())
+    return list(found.values())[:MOST_ERRORS]
 
 
 _PLAIN = {
@@ -284,6 +290,8 @@ async def _http(request: Request, error: Exception) -> Response:
         allowed = _allowed_methods(request)
         headers["Allow"] = ", ".join(allowed)
         detail = f"{request.method} cannot be done to {request.url.path}; {', '.join(allowed)} can"
+    elif error.status_code == 408:
+        detail = "the rest of the body did not come in time"
     elif error.status_code == 413:
         detail = "the body is larger than this server takes"
     elif error.status_code == 400:

@@ -27,11 +27,15 @@ from server.uploads import Uploads
 
 @dataclass(frozen=True)
 class ReceiverLog:
-    """What was uploaded: contents of the two files, and the antenna's position [m], Earth-fixed, if it was given."""
+    """What was uploaded: contents of the two files, and what was given besides.
+
+    ``antenna``: position [m], Earth-fixed; ``noise_floor`` [m]; None where not given.
+    """
 
     observation: bytes
     navigation: bytes
     antenna: tuple[float, float, float] | None
+    noise_floor: float | None = None
 
 
 class ExperimentRegistry:
@@ -89,7 +93,9 @@ class ExperimentRegistry:
         def make() -> Simulation:
             for name, content in zip(names, files, strict=True):
                 self.uploads.write(name, content)
-            document = catalogue.log_scenario(names[0], names[1], log.antenna, self.settings.max_log_epochs)
+            document = catalogue.log_scenario(
+                names[0], names[1], log.antenna, self.settings.max_log_epochs, log.noise_floor
+            )
             return Simulation(Scenario.model_validate(document), max_epochs=self.settings.max_epochs)
 
         try:
@@ -205,11 +211,30 @@ def scenario_from(given: str | dict[str, Any]) -> Scenario:
             return catalogue.scenario(given)
         except catalogue.CatalogueError as error:
             raise Refused(404, str(error), [at(["scenario"], str(error))]) from None
+    if (wide := _too_wide(given)) is not None:
+        raise Refused(422, wide, [at(["scenario"], wide)])
     document = given | {"seed": whole(given["seed"])} if "seed" in given else given
     try:
         return Scenario.model_validate_json(json.dumps(document), strict=True)
     except ValidationError as error:
         raise problems.from_validation(error, given, Scenario, ("scenario",), free=("parameters", "settings")) from None
+
+
+MOST_FIELDS = 1000
+"""Most fields of an object, and items of a list but that of the commands, in a scenario. No form has as many, and each
+wrong one would be told by name."""
+
+
+def _too_wide(document: dict[str, Any]) -> str | None:
+    """What is wrong with a document that has more fields or items somewhere than any form; None if it has not."""
+    waiting: list[Any] = [document]
+    while waiting:
+        value = waiting.pop()
+        inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        if len(inner) > MOST_FIELDS and value is not document.get("commands"):
+            return f"{len(inner)} fields or items in one place are not a scenario's; at most {MOST_FIELDS} are read"
+        waiting += inner
+    return None
 
 
 def without_faults(scenario: Scenario) -> Scenario:

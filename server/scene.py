@@ -1,7 +1,7 @@
 """A system's geometry drawn with viser: whatever its scene items say, and nothing known about any single system.
 
-Handles are made once; an update only says what has changed. Colour tells the family, health overrides it, and the label
-says the health too, so that colour is never alone.
+Handles are made once; an update only says what has changed. Colour tells the family, health overrides it. Names, with
+the health in words so that colour is never alone, are laid over the scene by the page, which knows where there is room.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ FAMILIES: tuple[Colour, ...] = (
     (204, 121, 167),
     (0, 114, 178),
     (148, 148, 160),
+    (170, 136, 80),
+    (140, 110, 210),
 )
 """Okabe-Ito in the order of the charts' lines, without vermilion and yellow, which mean something here."""
 
@@ -38,9 +40,6 @@ HEALTH: dict[Health, Colour] = {
     "isolated": (128, 128, 128),
     "off": (84, 84, 84),
 }
-MARKS: dict[Health, str] = {"faulted": "{} fault", "suspect": "{} alarm", "isolated": "({})", "off": "({} off)"}
-"""What a label says besides the name; brackets: out of use."""
-
 LEVEL_FLIGHT = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 """Body (forward, right, down) to level (east, north, up), flying north: shown until an attitude is known."""
 
@@ -162,7 +161,7 @@ def colour_of(health: Health, family: Colour) -> Colour:
 
 
 def _draw_level(scene: Any) -> tuple[Any, ...]:
-    """A quiet ground with north and east on it: its parts."""
+    """A quiet ground: its parts."""
     grid = scene.add_grid(
         "/level",
         width=3.0,
@@ -176,39 +175,27 @@ def _draw_level(scene: Any) -> tuple[Any, ...]:
         section_thickness=0.9,
         shadow_opacity=0.0,
     )
-    words = [
-        scene.add_label(f"/level/{text}", text, position=position, anchor="center-center")
-        for text, position in (("N", (0.0, 1.6, 0.0)), ("E", (1.6, 0.0, 0.0)))
-    ]
-    return (grid, *words)
+    return (grid,)
 
 
-class _Labelled:
-    """The part that all items share: colour, label with the health in words, visibility."""
+class _Coloured:
+    """The part that all items share: the colour of their health, or of their family."""
 
-    def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
+    def __init__(self, colour: Colour) -> None:
         self._family = colour
-        self._text = item.label
-        self._label = scene.add_label(
-            f"{name}/label", item.label, anchor="center-center", font_screen_scale=0.7, visible=False
-        )
-        self._always = item.kind in ("axis", "spin", "line-of-sight", "path")
         self._health: Health = "ok"
 
-    def _mark(self, view: ItemView, at: Vector, paint: Callable[[Colour], None]) -> None:
-        self._label.visible = view.visible and (self._always or view.health != "ok")
-        self._label.position = at
+    def _mark(self, view: ItemView, paint: Callable[[Colour], None]) -> None:
         if view.health != self._health:
             self._health = view.health
-            self._label.text = MARKS.get(view.health, "{}").format(self._text)
             paint(colour_of(view.health, self._family))
 
 
-class _Arrow(_Labelled):
+class _Arrow(_Coloured):
     """An axis, a spin axis or a free vector: an arrow from the origin of its frame."""
 
     def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
-        super().__init__(scene, name, item, colour)
+        super().__init__(colour)
         radius = {"axis": 0.014, "spin": 0.008, "vector": 0.022}[item.kind]
         self._arrow = scene.add_arrows(
             name,
@@ -227,17 +214,17 @@ class _Arrow(_Labelled):
         self._arrow.visible = visible
         if visible:
             self._arrow.points = _from_origin(vector)
-        self._mark(view.model_copy(update={"visible": visible}), _beyond(vector, 0.08), self._paint)
+        self._mark(view, self._paint)
 
     def _paint(self, colour: Colour) -> None:
         self._arrow.colors = _linear(colour)
 
 
-class _Plane(_Labelled):
+class _Plane(_Coloured):
     """A square patch through the origin, given by its normal."""
 
     def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
-        super().__init__(scene, name, item, colour)
+        super().__init__(colour)
         vertices, faces = shapes.square(0.7)
         self._patch = scene.add_mesh_simple(
             name, vertices, faces, color=colour, opacity=0.3, side="double", cast_shadow=False, receive_shadow=False,
@@ -248,17 +235,17 @@ class _Plane(_Labelled):
         vector = view.vector or (0.0, 0.0, 1.0)
         self._patch.visible = view.visible
         self._patch.wxyz = shapes.turn_z_to(vector)
-        self._mark(view, (0.62, 0.62, 0.0), self._paint)
+        self._mark(view, self._paint)
 
     def _paint(self, colour: Colour) -> None:
         self._patch.color = colour
 
 
-class _LineOfSight(_Labelled):
+class _LineOfSight(_Coloured):
     """A line with a ball at its end."""
 
     def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
-        super().__init__(scene, name, item, colour)
+        super().__init__(colour)
         self._line = scene.add_line_segments(
             name, _from_origin((0.0, 0.0, 1e-3)), colour, thickness=1.5, thickness_units="screen", visible=False
         )
@@ -273,18 +260,18 @@ class _LineOfSight(_Labelled):
         if visible:
             self._line.points = _from_origin(vector)
             self._ball.position = vector
-        self._mark(view.model_copy(update={"visible": visible}), _beyond(vector, 0.12), self._paint)
+        self._mark(view, self._paint)
 
     def _paint(self, colour: Colour) -> None:
         self._line.colors = np.array(colour, np.uint8)
         self._ball.color = colour
 
 
-class _Aircraft(_Labelled):
+class _Aircraft(_Coloured):
     """The aircraft, nose along the body's first axis; the scene turns the body frame."""
 
     def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
-        super().__init__(scene, name, item, colour)
+        super().__init__(colour)
         vertices, faces = shapes.aircraft(0.8)
         self._hull = scene.add_mesh_simple(
             name, vertices, faces, color=colour, opacity=0.32, side="double", flat_shading=True, cast_shadow=False,
@@ -293,17 +280,17 @@ class _Aircraft(_Labelled):
 
     def show(self, view: ItemView, time: float) -> None:
         self._hull.visible = view.visible
-        self._mark(view, (0.0, 0.0, -0.2), self._paint)
+        self._mark(view, self._paint)
 
     def _paint(self, colour: Colour) -> None:
         self._hull.color = colour
 
 
-class _Path(_Labelled):
+class _Path(_Coloured):
     """The way of a point: where it has been up to the moment shown."""
 
     def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
-        super().__init__(scene, name, item, colour)
+        super().__init__(colour)
         self._line = scene.add_line_segments(
             name, np.zeros((1, 2, 3), np.float32), colour, thickness=2.0, thickness_units="screen", visible=False
         )
@@ -327,8 +314,7 @@ class _Path(_Labelled):
     def _draw(self, view: ItemView, way: NDArray[np.float64]) -> None:
         visible = view.visible and len(way) > 1
         self._line.visible = visible
-        end = view.vector or (0.0, 0.0, 0.0)
-        self._mark(view.model_copy(update={"visible": visible}), end, self._paint)
+        self._mark(view, self._paint)
         if visible:
             points = way.astype(np.float32)
             self._line.points = np.stack([points[:-1], points[1:]], axis=1)
@@ -337,11 +323,11 @@ class _Path(_Labelled):
         self._line.colors = np.array(colour, np.uint8)
 
 
-class _Ball(_Labelled):
+class _Ball(_Coloured):
     """A see-through ball around the origin, as large as its vector is long."""
 
     def __init__(self, scene: Any, name: str, item: SceneItem, colour: Colour) -> None:
-        super().__init__(scene, name, item, colour)
+        super().__init__(colour)
         self._ball = scene.add_icosphere(
             name, radius=1.0, color=colour, opacity=0.1, subdivisions=3, side="double", cast_shadow=False,
             receive_shadow=False, visible=False,
@@ -352,7 +338,7 @@ class _Ball(_Labelled):
         self._ball.visible = view.visible and radius > 0.0
         if self._ball.visible:
             self._ball.scale = radius
-        self._mark(view, (0.0, 0.0, radius), self._paint)
+        self._mark(view, self._paint)
 
     def _paint(self, colour: Colour) -> None:
         self._ball.color = colour
@@ -377,12 +363,3 @@ def _linear(colour: Colour) -> np.ndarray:
 
 def _from_origin(vector: Vector) -> np.ndarray:
     return np.array([[(0.0, 0.0, 0.0), vector]], np.float32)
-
-
-def _beyond(vector: Vector, gap: float) -> Vector:
-    """A point a little further out than the tip."""
-    length = math.hypot(*vector)
-    if length < 1e-9:
-        return (0.0, 0.0, gap)
-    scale = 1.0 + gap / length
-    return (vector[0] * scale, vector[1] * scale, vector[2] * scale)

@@ -43,6 +43,14 @@ QUIET = (
 )
 """viser's sorter of Gaussian splats, which no scene here has, builds itself by evaluating strings. The policy forbids
 that, rightly; this keeps the browser from reporting it as an error of the page."""
+CAMERA = (
+    b"<script>{ const post = Worker.prototype.postMessage; Worker.prototype.postMessage = function (said, ...rest) {"
+    b"if (said?.type === 'send' && said.message?.type === 'ViewerCameraMessage') {"
+    b"window.ftlabCamera = said.message; dispatchEvent(new Event('ftlab-camera')); }"
+    b"return post.call(this, said, ...rest); }; }</script>"
+)
+"""Lets the page that holds the scene know where its camera is: the page lays the names over it. viser tells its server
+of every move of the camera through a worker, and this listens."""
 _PASSED_CLOSE_CODES = (1000, 1001, 1002, 1003, 1008, 1011)
 
 router = APIRouter(include_in_schema=False)
@@ -87,7 +95,7 @@ def client_page() -> tuple[bytes, bytes, str]:
     """viser's client with its panels hidden: plain, compressed, and its entity tag."""
     page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
     # Ours comes first: before the first script of viser's runs.
-    page = page.replace(b"<head>", b"<head>" + QUIET, 1).replace(b"</head>", HIDE + b"</head>", 1)
+    page = page.replace(b"<head>", b"<head>" + QUIET + CAMERA, 1).replace(b"</head>", HIDE + b"</head>", 1)
     return page, gzip.compress(page, 6), f'"{hashlib.sha256(page).hexdigest()[:16]}"'
 
 

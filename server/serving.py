@@ -26,7 +26,7 @@ from server.limits import Budget
 
 HEAD_SECONDS = 15.0
 """How long a connection may be open before the head of its next request is complete [s]."""
-MOST_WAITING = 256
+MOST_WAITING = 512
 """Connections without a request under way; one more, and the one that waits longest is closed."""
 FRAMES_A_SECOND, FRAMES_AT_ONCE = 300.0, 600
 """How many frames a browser's socket may send, pings included: in the long run, and in a burst."""
@@ -34,6 +34,8 @@ PIECE = 4096
 """How much of what a socket sent is looked at in one go [bytes]; a frame has at least six."""
 GOODBYE = 1.0
 """How long a socket that is sent away may take to hear why [s]."""
+FAREWELL = 15.0
+"""How long a socket may take to hear the rest when the application is done with it [s]."""
 GRACE = 2
 """How long requests may still take when the server is stopped [s]."""
 
@@ -77,7 +79,8 @@ class PatientHTTP(H11Protocol):
         detail = "the head of the request is too long" if status == 431 else "this is not a request that can be read"
         body = json.dumps({"title": HTTPStatus(status).phrase, "status": status, "detail": detail}).encode()
         headers = [("content-type", "application/problem+json"), ("content-length", str(len(body)))]
-        answer = h11.Response(status_code=status, headers=[*headers, ("connection", "close")])
+        headers.append(("connection", "close"))
+        answer = h11.Response(status_code=status, headers=headers, reason=HTTPStatus(status).phrase)
         for part in (answer, h11.Data(data=body), h11.EndOfMessage()):
             self.transport.write(self.conn.send(part) or b"")
         self.transport.close()
@@ -95,8 +98,17 @@ class PatientHTTP(H11Protocol):
                 next(iter(waiting))._give_up()
 
     def _give_up(self) -> None:
+        """Hang up when what was answered has arrived; a client that does not read it is not waited for either."""
         self._wait_no_longer()
-        self.transport.abort()
+        self.transport.close()
+        self._drain(None)
+
+    def _drain(self, before: int | None) -> None:
+        left = self.transport.get_write_buffer_size()
+        if left and left == before:
+            self.transport.abort()
+        elif left:
+            self.loop.call_later(HEAD_SECONDS, self._drain, left)
 
     def _wait_no_longer(self) -> None:
         _waiting.get(self.server_state, {}).pop(self, None)
@@ -130,7 +142,7 @@ class MeasuredWebSocket(WebSocketsSansIOProtocol):
         """Deal with the frames that came, if there are not too many."""
         if self._frames.spend(len(self.conn.events)) or not self.handshake_complete:
             super().handle_events()
-        elif not self.close_sent:
+        else:
             self._dismiss(1008, "too many messages")
 
     def send_receive_event_to_app(self) -> None:
@@ -145,13 +157,27 @@ class MeasuredWebSocket(WebSocketsSansIOProtocol):
 
     def _dismiss(self, code: int, reason: str) -> None:
         """Say why, read no more, and hang up a little later: at once, the reason would be lost with what is unread."""
-        self._dismissed = self.close_sent = True
-        self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
-        self.conn.send_close(code, reason)
-        self.transport.write(b"".join(self.conn.data_to_send()))
+        self._dismissed = True
+        if not self.close_sent:
+            self.close_sent = True
+            self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": reason})
+            self.conn.send_close(code, reason)
+            self.transport.write(b"".join(self.conn.data_to_send()))
         self.transport.pause_reading()
         self.read_paused = True
-        self.close_timer = self.loop.call_later(GOODBYE, self.transport.close)
+        if self.close_timer is not None:
+            self.close_timer.cancel()
+        self.close_timer = self.loop.call_later(GOODBYE, self.transport.abort)
+
+    def keepalive_timeout(self) -> None:
+        """A browser that answers no ping does not read either: what waits for it would wait for ever."""
+        super().keepalive_timeout()
+        self.loop.call_later(GOODBYE, self.transport.abort)
+
+    def on_task_complete(self, task: asyncio.Task[None]) -> None:
+        """The application is done with it; whoever does not hang up is hung up on."""
+        super().on_task_complete(task)
+        self.loop.call_later(FAREWELL, self.transport.abort)
 
     async def receive(self) -> Any:
         """The next message for the application; a socket that was sent away is not read again."""

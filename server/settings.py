@@ -37,7 +37,7 @@ class Settings(BaseModel):
     )
     max_experiments: int = Field(default=32, ge=1, le=10_000, description="live experiments at the same time")
     max_epochs: int = Field(default=20_000, ge=16, description="recorded epochs of an experiment before thinning")
-    max_body_bytes: int = Field(default=4_000_000, ge=1_000, description="largest request body")
+    max_body_bytes: int = Field(default=4_000_000, ge=1_000, description="largest scenario document")
     max_observation_bytes: int = Field(
         default=64_000_000, ge=1_000, le=64_000_000, description="largest observation file of a receiver's log"
     )

@@ -7,6 +7,7 @@ says the same orbits in the words of a broadcast message.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -50,11 +51,13 @@ def files(
     position: bool = True,
     days: int = 0,
     steps: int = 0,
+    path: Callable[[float], tuple[float, float, float]] | None = None,
 ) -> Files:
     """A log of so many epochs.
 
     ``position``: the header has the antenna's; ``days``: later by so many; ``steps``: milliseconds that the receiver's
-    clock is set back by in the middle.
+    clock is set back by in the middle; ``path``: where the receiver is after so many seconds, east, north, up of the
+    antenna's position [m].
     """
     rng = np.random.default_rng(seed)
     start = START + timedelta(days=days)
@@ -70,7 +73,7 @@ def files(
     lines.append(_header("", "END OF HEADER"))
     for t in times.tolist():
         moment = start + timedelta(seconds=t)
-        seen, ranges = _pseudoranges(t)
+        seen, ranges = _pseudoranges(t, (0.0, 0.0, 0.0) if path is None else path(t))
         ranges = ranges + noise * rng.standard_normal(len(ranges))
         if 2.0 * t >= times[-1]:
             ranges = ranges - steps * 1e-3 * earth.SPEED_OF_LIGHT
@@ -82,20 +85,22 @@ def files(
     return Files(observation.encode(), _navigation(start, float(times[-1])), tuple(ANTENNA.tolist()))
 
 
-def _pseudoranges(t: float) -> tuple[list[int], np.ndarray]:
+def _pseudoranges(t: float, away: tuple[float, float, float]) -> tuple[list[int], np.ndarray]:
     """Slots in view ``t`` seconds after the start, and what a receiver with a clock of its own measures [m]."""
     clock = 3e-4 + 1e-8 * t
+    antenna = ANTENNA + earth.enu_to_ecef_matrix(LLA[0], LLA[1]) @ np.array(away)
+    place = earth.ecef_to_geodetic(antenna)
     travel = np.full(len(constellation.almanac().names), 0.075)
     for _ in range(3):
         satellite = np.stack(
             [constellation.satellite_states(_SKY + t - clock - one)[0][i] for i, one in enumerate(travel.tolist())]
         )
-        sight = constellation.line_of_sight(LLA, satellite)
-        turn = (satellite[:, 0] * ANTENNA[1] - satellite[:, 1] * ANTENNA[0]) * (earth.RATE / earth.SPEED_OF_LIGHT)
+        sight = constellation.line_of_sight(place, satellite)
+        turn = (satellite[:, 0] * antenna[1] - satellite[:, 1] * antenna[0]) * (earth.RATE / earth.SPEED_OF_LIGHT)
         distance = sight.range + turn
         travel = distance / earth.SPEED_OF_LIGHT
     seen = np.flatnonzero(sight.visible(8.0))
-    troposphere = atmosphere.saastamoinen(LLA[0], LLA[2], sight.elevation[seen])
+    troposphere = atmosphere.saastamoinen(place[0], place[2], sight.elevation[seen])
     own = earth.SPEED_OF_LIGHT * (clock - _CLOCK * (seen + 1))
     return seen.tolist(), distance[seen] + troposphere + own
 

@@ -1,23 +1,28 @@
 /** The system's block diagram: live health on every block; a click opens what can be done to it. */
 import { Panel, fill, h, setText, svg } from '../dom.js';
+import { LEADING, LEFT, worded } from '../blocks.js';
 import { HEALTH, healthSign } from '../health.js';
 import { store } from '../store.js';
 import { routes } from './wires.js';
 /** @import {Block, Health, View} from '../types' */
 
 const GRID = { width: 100, height: 68 };
-const LEAST_HEIGHT = 236;
-const LINE = 11.5;
-/** How far a name may be narrowed before it is cut. */
-const NARROWEST = 0.76;
+/** Heights of the picture [px]; between them it grows while a block has no room for its words. */
+const LEAST_HEIGHT = 266;
+const MOST_HEIGHT = 470;
+const GROWTH = 17;
 
-/** @typedef {{group: SVGGElement, sign: SVGPathElement, label: SVGTextElement, text: SVGTextElement, block: Block, width: number}} Drawn */
+/** @typedef {{x: number, y: number, width: number, height: number}} Box */
+/** @typedef {{group: SVGGElement, sign: SVGPathElement, words: SVGGElement, block: Block, box: Box, told: string}} Drawn */
 
 export class Diagram extends Panel {
   /** @type {Map<string, Drawn>} */
   #blocks = new Map();
   /** @type {{path: SVGPathElement, carries: string | null}[]} */
   #wires = [];
+  /** How much higher the picture is than it would be without its words, and for which width and system. */
+  #grown = 0;
+  #grownFor = '';
 
   build() {
     this.picture = svg('svg', { role: 'group', 'aria-label': 'Block diagram' });
@@ -40,7 +45,9 @@ export class Diagram extends Panel {
     const { description } = store.get();
     const width = this.frame?.clientWidth ?? 0;
     if (!this.picture || !description || width < 50) return;
-    const height = Math.max(LEAST_HEIGHT, Math.min(width * 0.78, window.innerHeight * 0.36));
+    const key = `${description.id}/${width}`;
+    if (key !== this.#grownFor) [this.#grownFor, this.#grown] = [key, 0];
+    const height = Math.min(MOST_HEIGHT, Math.max(LEAST_HEIGHT, Math.min(width * 0.86, window.innerHeight * 0.375)) + this.#grown);
     const sx = width / GRID.width;
     const sy = height / GRID.height;
     this.picture.setAttribute('viewBox', `0 0 ${width} ${height}`);
@@ -53,13 +60,11 @@ export class Diagram extends Panel {
     this.#update();
   }
 
-  /** @param {Block} block @param {{x: number, y: number, width: number, height: number}} box */
+  /** @param {Block} block @param {Box} box */
   #block(block, box) {
     const badge = `translate(${box.x + box.width - 3} ${box.y + 2})`;
     const sign = svg('path', { class: 'sign', transform: badge });
-    const label = svg('text', { class: 'label', x: box.x + 7, y: box.y + 16 });
-    const lines = Math.max(1, Math.min(3, Math.floor((box.height - 20) / LINE)));
-    const text = svg('text', { class: 'state' }, ...Array.from({ length: lines }, (_, i) => svg('tspan', { x: box.x + 7, y: box.y + 29 + i * LINE })));
+    const words = svg('g', {});
     const act = () => this.dispatchEvent(new CustomEvent('block', { bubbles: true, detail: { block, anchor: group } }));
     const title = svg('title');
     const group = svg('g', {
@@ -70,27 +75,20 @@ export class Diagram extends Panel {
         event.stopPropagation();
         act();
       },
-    }, title, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), svg('circle', { class: 'halo', r: 7, transform: badge }), sign, label, text);
-    const size = [11.5, 10.5, 9.5].find((px) => widthOf(block.label, `600 ${px}px`) <= box.width - 12) ?? 9.5;
-    label.style.fontSize = `${size}px`;
-    const room = box.width - 11;
-    const wide = widthOf(block.label, `600 ${size}px`);
-    const narrowed = wide > room && wide * NARROWEST <= room;
-    if (narrowed) for (const [name, value] of [['textLength', room], ['lengthAdjust', 'spacingAndGlyphs']]) label.setAttribute(String(name), String(value));
-    label.textContent = narrowed ? block.label : fitted(block.label, room, `600 ${size}px`);
-    this.#blocks.set(block.id, { group, sign, label, text, block, width: box.width });
+    }, title, svg('rect', { x: box.x, y: box.y, width: box.width, height: box.height, rx: 5 }), svg('circle', { class: 'halo', r: 7, transform: badge }), sign, words);
+    this.#blocks.set(block.id, { group, sign, words, block, box, told: '' });
     return group;
   }
 
   #update() {
     const { view, pastView, experiment, cursor } = store.get();
     const seen = pastView ?? view;
+    let cut = false;
     for (const drawn of this.#blocks.values()) {
       const state = seen?.blocks[drawn.block.id] ?? { health: /** @type {Health} */ ('ok'), text: '' };
       drawn.group.setAttribute('class', `block ${drawn.block.kind} ${state.health}`);
       drawn.sign.setAttribute('d', HEALTH[state.health].path);
-      const lines = wrapped(state.text, drawn.width - 11, drawn.text.children.length);
-      [...drawn.text.children].forEach((line, i) => setText(line, lines[i] ?? ''));
+      if ((drawn.told !== state.text || !drawn.words.firstChild) && this.#write(drawn, state.text)) cut = true;
       setText(/** @type {Element} */ (drawn.group.firstElementChild), `${drawn.block.label}: ${state.text}`);
       drawn.group.setAttribute('aria-label', `${drawn.block.label}: ${HEALTH[state.health].word}. ${state.text}`);
     }
@@ -98,7 +96,28 @@ export class Diagram extends Panel {
     if (cursor === null) {
       for (const [name, state] of Object.entries(experiment?.subsystems ?? {})) if (!state.used) open.add(name);
     }
+    if (cut && Number(this.picture?.getAttribute('height')) < MOST_HEIGHT) {
+      this.#grown += GROWTH;
+      return this.#draw();
+    }
     for (const { path, carries } of this.#wires) path.classList.toggle('open', carries !== null && open.has(carries));
+  }
+
+  /** @param {Drawn} drawn @param {string} state @returns {boolean} whether something had to be cut */
+  #write(drawn, state) {
+    const { block, box, words } = drawn;
+    drawn.told = state;
+    const { name, nameSize, squeezed, state: lines, stateSize, cut } = worded(block.label, state, box.width, box.height);
+    const x = box.x + LEFT;
+    let y = box.y + 5;
+    /** @param {string} text @param {string} kind @param {number} size @param {Record<string, unknown>} [more] */
+    const line = (text, kind, size, more) => {
+      y += size + LEADING;
+      return svg('text', { class: kind, x, y: y - LEADING - 1, style: { 'font-size': `${size}px` }, ...more }, text);
+    };
+    fill(words, ...name.map((text) => line(text, 'label', nameSize, squeezed ? { textLength: box.width - LEFT - 4, lengthAdjust: 'spacingAndGlyphs' } : {})),
+      ...lines.map((text) => line(text, 'state', stateSize)));
+    return cut;
   }
 
   /** Subsystems that the view shows as shut out. @param {View | null} view */
@@ -107,39 +126,6 @@ export class Diagram extends Panel {
       .filter(({ block }) => block.subsystem && ['isolated', 'off'].includes(view?.blocks[block.id]?.health ?? ''))
       .map(({ block }) => String(block.subsystem));
   }
-}
-
-const measure = /** @type {CanvasRenderingContext2D} */ (document.createElement('canvas').getContext('2d'));
-/** @type {Map<string, string>} */
-const fits = new Map();
-
-/** @param {string} text @param {string} font */
-function widthOf(text, font) {
-  measure.font = `${font} system-ui, "DejaVu Sans", sans-serif`;
-  return measure.measureText(text).width;
-}
-
-/** Text over a few lines, the last one cut. @param {string} text @param {number} width @param {number} most */
-function wrapped(text, width, most) {
-  const lines = [''];
-  for (const word of text.split(' ')) {
-    const longer = lines[lines.length - 1] ? `${lines[lines.length - 1]} ${word}` : word;
-    if (lines.length === most || widthOf(longer, '10px') <= width || !lines[lines.length - 1]) lines[lines.length - 1] = longer;
-    else lines.push(word);
-  }
-  return lines.map((line) => fitted(line, width, '10px'));
-}
-
-/** Text cut to a width. @param {string} text @param {number} width @param {string} font */
-function fitted(text, width, font) {
-  const key = `${font}/${Math.round(width)}/${text}`;
-  const known = fits.get(key);
-  if (known !== undefined) return known;
-  let shown = text;
-  while (shown.length > 1 && widthOf(shown, font) > width) shown = `${shown.slice(0, -2).trimEnd()}…`;
-  if (fits.size > 500) fits.clear();
-  fits.set(key, shown);
-  return shown;
 }
 
 customElements.define('ft-diagram', Diagram);

@@ -15,7 +15,7 @@ export class ReceiverLog extends Panel {
   #limits = null;
 
   build() {
-    this.sizes = { observation: h('small', { class: 'dim' }), navigation: h('small', { class: 'dim' }) };
+    this.sizes = { observation: h('small', { class: 'dim' }), navigation: h('small', { class: 'dim' }), noise_floor: h('small', { class: 'dim' }) };
     this.error = h('p', { class: 'error', role: 'alert', hidden: true });
     this.button = h('button', { class: 'primary', type: 'submit' }, 'Open');
     this.said = h('span', { class: 'dim', role: 'status' });
@@ -28,6 +28,7 @@ export class ReceiverLog extends Panel {
       this.#field('navigation', 'Navigation file', file(), this.sizes.navigation),
       this.#field('antenna', 'Antenna position', h('input', { type: 'text', placeholder: 'x, y, z', autocomplete: 'off', spellcheck: 'false' }),
         h('small', { class: 'dim' }, 'Optional: Earth-fixed (ECEF), in metres; errors are measured from it. Without it the position in the header of the observation file counts, which may be metres off.'), 'm'),
+      this.#field('noise_floor', 'Noise floor', h('input', { type: 'text', inputmode: 'decimal', autocomplete: 'off' }), this.sizes.noise_floor, 'm'),
       this.error,
       h('div', { class: 'buttons' }, this.said, this.button, curlButton(() => commands.log(this.#form()), 'this upload')));
     this.dialog = h('dialog', { class: 'receiver', 'aria-label': 'Open a receiver log' },
@@ -41,10 +42,11 @@ export class ReceiverLog extends Panel {
     this.#fields.get('observation')?.input.focus();
     void attempt(async () => {
       this.#limits ??= await read.logLimits();
-      const { observation_bytes, navigation_bytes, epochs } = this.#limits;
+      const { observation_bytes, navigation_bytes, epochs, noise_floor } = this.#limits;
       if (!this.sizes) return;
-      setText(this.sizes.observation, `With the code on L1; at most ${megabytes(observation_bytes)} and ${epochs} epochs.`);
+      setText(this.sizes.observation, `With the code on L1; at most ${megabytes(observation_bytes)} and ${epochs} epochs; plain, .gz, .Z or .crx.`);
       setText(this.sizes.navigation, `GPS, of the same day; at most ${megabytes(navigation_bytes)}.`);
+      setText(this.sizes.noise_floor, `Optional: 1-sigma of a pseudorange that is assumed at every elevation; ${noise_floor} m without it. A phone or a cheap receiver needs 3 to 10; the log says what would fit.`);
     });
   }
 
@@ -85,6 +87,11 @@ export class ReceiverLog extends Panel {
       const parts = antenna.replaceAll('−', '-').split(',').map((part) => part.trim());
       if (parts.length === 3 && parts.every((part) => NUMBER.test(part))) form.set('antenna', parts.join(', '));
       else wrong.push(['antenna', POSITION]);
+    }
+    const floor = form.get('noise_floor');
+    if (typeof floor === 'string') {
+      const { least_noise_floor: least = 0, largest_noise_floor: most = Infinity } = this.#limits ?? {};
+      if (!NUMBER.test(floor) || Number(floor) < least || Number(floor) > most) wrong.push(['noise_floor', `A number of metres is needed, from ${least} to ${most}.`]);
     }
     return wrong;
   }

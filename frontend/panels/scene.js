@@ -4,9 +4,18 @@ import { moveScene } from '../api.js';
 import { loadPlotly } from '../charts.js';
 import { govern } from '../governor.js';
 import { store } from '../store.js';
+import { press } from './keys.js';
+import { SceneLabels } from './scene_labels.js';
+/** @import {Choice} from '../labels' */
 
 const PATIENCE = 15000;
+/** Colours of families; then they come again. */
+const PALETTE = 8;
 const SETTLE = 400;
+/** Keys that the page answers while the scene has them. */
+const PASSED = ['Escape', 'v'];
+/** @type {[Choice, string][]} */
+const CHOICES = [['important', 'key names'], ['all', 'all names'], ['none', 'no names']];
 
 export class Scene extends Panel {
   /** @type {ReturnType<typeof setTimeout> | undefined} */
@@ -17,18 +26,32 @@ export class Scene extends Panel {
   #paced = null;
   /** @type {string | null} */
   #wanted = null;
+  /** What the legend tells of. */
+  #told = '';
+  /** Families whose names are shown by a press. @type {Set<string>} */
+  #chosen = new Set();
   /** Which of the system's pictures is shown. */
   #picture = '';
   #shown = sessionStorage.getItem('scene') !== 'off';
 
   build() {
     this.pictures = h('div', { class: 'pictures', role: 'group', 'aria-label': 'Pictures of the scene' });
-    this.frame = h('iframe', { title: '3-D scene: axes, planes and lines of sight', hidden: true });
+    this.frame = this.#newFrame();
+    this.labels = new SceneLabels();
     this.status = h('p', { class: 'status' }, 'Loading the scene …');
     this.legend = h('div', { class: 'legend', role: 'note', 'aria-label': 'Legend of the scene' });
     this.toggle = h('button', { class: 'mini', 'aria-pressed': 'true', onclick: () => this.#flip() }, 'hide');
-    this.append(h('h2', {}, 'Scene', this.toggle), h('div', { class: 'stage' }, this.status, this.frame, this.pictures), this.legend);
-    this.frame.addEventListener('load', () => this.#loaded());
+    this.size = h('button', { class: 'mini size', onclick: () => store.set(({ large }) => ({ large: !large })) });
+    this.stage = h('div', { class: 'stage' }, this.status, this.frame, this.labels.element, this.pictures);
+    this.append(h('h2', {}, 'Scene', h('span', { class: 'acts' }, this.#chooser(), this.size, this.toggle)), this.stage, this.legend);
+    const size = new ResizeObserver(() => this.labels?.draw());
+    size.observe(this.stage);
+    this.keep(() => size.disconnect());
+    this.watch((s) => s.large, (large) => this.#resize(large));
+    this.watch((s) => s.pastView ?? s.view, () => {
+      this.labels?.draw();
+      this.#tell();
+    });
     this.watch((s) => [s.experiment?.id, s.theme, s.connection === 'open'], () => this.#load());
     this.watch((s) => s.description, (description) => {
       this.#picture = (description && sessionStorage.getItem(`picture/${description.id}`)) ?? '';
@@ -47,11 +70,81 @@ export class Scene extends Panel {
     if (!all.includes(this.#picture)) this.#picture = all[0] ?? '';
     fill(this.pictures ?? this, ...(all.length > 1 ? all : []).map((picture) =>
       h('button', { class: 'mini', 'aria-pressed': String(picture === this.#picture), onclick: () => this.#show(picture) }, picture)));
-    const families = [...new Set(items.map((item) => item.family))];
-    const shown = new Set(items.filter((item) => item.picture === this.#picture).map((item) => item.family));
-    fill(this.legend ?? this, ...families.map((family, i) => shown.has(family) && h('span', {}, h('i', { class: `swatch family-${i % 6}` }), family)),
-      families.length > 0 && h('span', {}, h('i', { class: 'swatch faulted' }), 'faulted'),
-      families.length > 0 && h('span', {}, h('i', { class: 'swatch isolated' }), 'isolated'));
+    this.labels?.offer(items.filter((item) => item.picture === this.#picture));
+    this.#told = '';
+    this.#tell();
+  }
+
+  /** The legend: of what is there at the moment shown, and of nothing else. A press names all of a family, or no longer. */
+  #tell() {
+    const { description, view, pastView } = store.get();
+    const items = description?.scene ?? [];
+    const seen = pastView ?? view;
+    const there = items.filter((item) => item.picture === this.#picture && seen?.items[item.id]?.visible);
+    const families = [...new Set(items.map((item) => item.family))].map((family, i) => ({ family, i })).filter(({ family }) => there.some((item) => item.family === family));
+    const healths = ['faulted', 'suspect', 'isolated', 'off'].filter((health) => there.some((item) => seen?.items[item.id]?.health === health));
+    const told = [...families.map(({ family }) => family), ...healths].join();
+    if (!this.legend || !this.labels || told === this.#told) return;
+    this.#told = told;
+    const { labels } = this;
+    const point = (/** @type {string} */ family, /** @type {boolean} */ at) => {
+      if (at) labels.families.add(family);
+      else if (!this.#chosen.has(family)) labels.families.delete(family);
+      labels.draw();
+    };
+    fill(this.legend, ...families.map(({ family, i }) => {
+      const button = h('button', {
+        class: 'mini', 'aria-pressed': String(this.#chosen.has(family)), title: `Name all of ${family}`,
+        onpointerenter: () => point(family, true), onpointerleave: () => point(family, false),
+        onclick: () => {
+          if (!this.#chosen.delete(family)) this.#chosen.add(family);
+          button.setAttribute('aria-pressed', String(this.#chosen.has(family)));
+          point(family, this.#chosen.has(family));
+        },
+      }, h('i', { class: `swatch family-${i % PALETTE}` }), family);
+      return button;
+    }), ...healths.map((health) => h('span', {}, h('i', { class: `swatch ${health}` }), health)));
+  }
+
+  /** Which names are shown. */
+  #chooser() {
+    const kept = localStorage.getItem('names');
+    const select = h('select', { class: 'mini', 'aria-label': 'Names in the scene', title: 'Names in the scene; the others are told when the pointer is at a thing', onchange: () => {
+      localStorage.setItem('names', select.value);
+      choose();
+    } }, ...CHOICES.map(([choice, label]) => h('option', { value: choice, selected: choice === kept }, label)));
+    const choose = () => {
+      if (!this.labels) return;
+      this.labels.choice = /** @type {Choice} */ (select.value);
+      this.labels.draw();
+    };
+    choose();
+    return select;
+  }
+
+  /** @param {boolean} large */
+  #resize(large) {
+    if (!this.size) return;
+    this.classList.toggle('large', large);
+    this.size.textContent = large ? 'back' : 'full size';
+    this.size.title = large ? 'Back to its place (v or Esc)' : 'Over the whole page (v)';
+    this.size.setAttribute('aria-pressed', String(large));
+    if (large && !this.#shown) this.#flip();
+  }
+
+  /** A frame whose visits leave no trace: an address that is given before it stands on the page is no step back. @param {string} [address] */
+  #newFrame(address) {
+    const frame = h('iframe', { title: '3-D scene: axes, planes and lines of sight', hidden: true, src: address });
+    frame.addEventListener('load', () => this.#loaded());
+    return frame;
+  }
+
+  /** @param {string} [address] none: an empty frame */
+  #visit(address) {
+    const frame = this.#newFrame(address);
+    this.labels?.follow(null);
+    this.frame?.replaceWith(frame);
+    this.frame = frame;
   }
 
   /** @param {string} picture */
@@ -77,16 +170,13 @@ export class Scene extends Panel {
     this.classList.toggle('folded', !this.#shown);
     if (!this.#shown || !experiment || connection === 'gone') {
       this.#wanted = null;
-      this.frame.removeAttribute('src');
-      this.frame.hidden = true;
+      if (this.frame.getAttribute('src')) this.#visit();
       return;
     }
     const own = `/experiments/${encodeURIComponent(experiment.id)}/scene/`;
     // The frame of another experiment would go on asking for it, even after it is deleted.
-    if (!this.frame.getAttribute('src')?.startsWith(own)) {
-      this.frame.removeAttribute('src');
-      this.frame.hidden = true;
-    }
+    const before = this.frame.getAttribute('src');
+    if (before && !before.startsWith(own)) this.#visit();
     if (connection !== 'open') return;
     const address = `${own}${theme === 'dark' ? '?darkMode' : ''}`;
     this.status.textContent = 'Loading the scene …';
@@ -97,7 +187,7 @@ export class Scene extends Panel {
     void ready.then(() => {
       if (!this.frame || this.#wanted !== address) return;
       this.#wanted = null;
-      this.frame.src = address;
+      this.#visit(address);
       clearInterval(this.#poll);
       this.#poll = setInterval(() => this.#pace(), 20);
       this.#timer = setTimeout(() => this.#unavailable(), PATIENCE);
@@ -121,7 +211,10 @@ export class Scene extends Panel {
     if (!page || !page.URL.includes('/scene/') || this.#paced === page) return;
     clearInterval(this.#poll);
     this.#paced = page;
-    if (page.defaultView) govern(page.defaultView);
+    if (!page.defaultView) return;
+    govern(page.defaultView);
+    this.labels?.follow(page.defaultView);
+    page.defaultView.addEventListener('keydown', (event) => PASSED.includes(event.key) && press(event));
   }
 
   #unavailable() {

@@ -25,7 +25,7 @@ _NOON: Final = 50400.0
 
 
 def klobuchar(
-    lat: ArrayLike, lon: ArrayLike, elevation: Array, azimuth: Array, gps_seconds: float, coefficients: Array
+    lat: ArrayLike, lon: ArrayLike, elevation: Array, azimuth: Array, gps_seconds: float | Array, coefficients: Array
 ) -> Array:
     """Delay of an L1 signal in the ionosphere [m].
 

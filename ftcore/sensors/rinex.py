@@ -39,7 +39,7 @@ _MILLISECOND: Final = 1e-3 * earth.SPEED_OF_LIGHT
 _folder: Path | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ObservationLog:
     """What a receiver logged, on an even grid of time; epochs that the log lacks have no pseudoranges.
 

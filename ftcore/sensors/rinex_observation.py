@@ -271,6 +271,8 @@ def _flag_and_count(walk: _Walk, flag: str, count: str) -> tuple[int, int]:
         a = 0
     if count.strip() == "":
         b = 0
+    if b == 0 and not count.strip() and a in (0, 1, 6):
+        raise walk.text.corrupt(walk.at, "the number of its satellites was expected")
     if a is None or b is None or b < 0 or not 0 <= a <= 6:
         raise walk.text.corrupt(walk.at, "an epoch's flag (0 to 6) and number of records were expected")
     return a, b

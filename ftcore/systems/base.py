@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, Final, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ class Form(BaseModel):
 
     @property
     def longest(self) -> float:
-        """Longest flight on these parameters [s]; a simulated one has its whole path in memory."""
+        """Longest flight on these parameters [s]."""
         return 36000.0
 
 
@@ -60,6 +60,19 @@ class Notice:
     subject: str
     where: Flags
     numbers: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Something a person has to know of what flies before it does: one sentence, and the numbers in it.
+
+    ``kind`` is one of :data:`ftcore.events.KINDS`; it becomes an event at t = 0.
+    """
+
+    kind: str
+    subject: str
+    text: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -137,6 +150,7 @@ class Assembly:
         epochs: how many there are where the world ends (a log); no end if None.
         absent: channels of the description that this experiment has not, and why, in words that say what would bring
             them.
+        remarks: what a person has to know before it flies.
     """
 
     plant: Plant
@@ -147,6 +161,7 @@ class Assembly:
     period: float | None = None
     epochs: int | None = None
     absent: Mapping[str, str] = field(default_factory=dict)
+    remarks: Sequence[Remark] = ()
 
 
 class System(Protocol):
@@ -176,12 +191,21 @@ class Indicated(Protocol):
         """The figures, in the order to be shown; quick enough to be asked at every change of a field."""
 
 
+NOISE_FLOOR: Final = (0.01, 1.0, 100.0)
+"""Least, usual and largest noise floor that is assumed of a receiver's log: pseudorange 1-sigma [m]."""
+
+
 @runtime_checkable
 class FliesLogs(Protocol):
     """What a system may do besides: fly what a real receiver has recorded."""
 
     def log_scenario(
-        self, observation: str, navigation: str, antenna: tuple[float, float, float] | None, max_epochs: int
+        self,
+        observation: str,
+        navigation: str,
+        antenna: tuple[float, float, float] | None,
+        max_epochs: int,
+        noise_floor: float | None,
     ) -> dict[str, Any]:
         """Scenario document for a pair of RINEX files; a ValueError of one sentence where they cannot be used."""
 

@@ -1,10 +1,8 @@
 """Trajectories: what an aircraft, or a receiver at rest, truly does, and what a perfect IMU on it would measure.
 
 A flight is a list of segments. Speed, vertical speed and heading are piecewise polynomials of time with two continuous
-derivatives: every change enters and leaves through a quintic blend. From them attitude, angular rate and specific force
-follow in closed form (nose along the velocity, bank of a coordinated turn), and position by sixth-order quadrature. The
-IMU signal is the mean of angular rate and specific force over each sample interval, by Gauss-Legendre quadrature of the
-closed forms: it knows nothing of the algorithm that will integrate it.
+derivatives: every change enters and leaves through a quintic blend. What follows from them is evaluated where it is
+asked for, by :mod:`ftcore.world.path`.
 
 Conventions of :mod:`ftcore.earth`. A segment's fields carry the units of a scenario document (their JSON Schema says
 which: seconds, metres, degrees); everything else here is SI and radians. Truth is common to all runs, so these arrays
@@ -15,8 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
@@ -25,12 +21,12 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from scipy.interpolate import PPoly
 
 from ftcore import earth
-from ftcore.rotation import cross, rpy_to_matrix
+from ftcore.world.path import Path, Trajectory
 
 Array = NDArray[np.float64]
 
 MAX_SAMPLES: Final = 4_000_000
-"""Longest trajectory that will be built, in IMU samples (about 11 hours at 100 Hz, 1 GB)."""
+"""Longest flight, in IMU samples (about 11 hours at 100 Hz)."""
 
 
 def _field(unit: str, description: str, default: Any = ..., **limits: Any) -> Any:
@@ -121,45 +117,6 @@ def segment_from_dict(document: Mapping[str, Any]) -> Straight | Hold | Climb | 
         where = ".".join(str(part) for part in first["loc"][1:]) or "segment"
         given = "" if first["type"] == "missing" else f" (given {first['input']!r})"
         raise ValueError(f"{where}: {first['msg']}{given}") from error
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """Truth at the IMU's step.
-
-    At the N + 1 instants ``time`` [s]: ``lla`` (N+1, 3), ``v_n`` (N+1, 3) m/s, ``rpy`` (N+1, 3) roll, pitch, heading
-    [rad], ``C_nb`` (N+1, 3, 3). Over the N intervals of ``dt`` seconds between them: ``omega_b`` (N, 3) rad/s and
-    ``f_b`` (N, 3) m/s^2, mean angular rate and mean specific force in the body frame. Arrays are read-only.
-    """
-
-    dt: float
-    time: Array
-    lla: Array
-    v_n: Array
-    rpy: Array
-    omega_b: Array
-    f_b: Array
-
-    def __post_init__(self) -> None:
-        for array in (self.time, self.lla, self.v_n, self.rpy, self.omega_b, self.f_b):
-            array.setflags(write=False)
-
-    @cached_property
-    def C_nb(self) -> Array:
-        """True body-to-level matrices (N+1, 3, 3), made when first asked for."""
-        C_nb = rpy_to_matrix(self.rpy)
-        C_nb.setflags(write=False)
-        return C_nb
-
-    @property
-    def samples(self) -> int:
-        """Number N of IMU intervals."""
-        return len(self.omega_b)
-
-    @property
-    def duration(self) -> float:
-        """Length in seconds."""
-        return self.samples * self.dt
 
 
 _Poly = Sequence[float]
@@ -260,14 +217,14 @@ def _lay(profile: _Profile, segment: Straight | Hold | Climb | Turn | SpeedChang
         profile.pulse("turn_rate", math.radians(segment.angle), rate, segment.entry)
 
 
-def build(
+def plan(
     initial_lla: Sequence[float] | Array,
     initial_speed: float,
     initial_heading: float,
     segments: Sequence[Straight | Hold | Climb | Turn | SpeedChange],
     dt: float,
-) -> Trajectory:
-    """Fly the segments one after the other.
+) -> Path:
+    """The path of the segments one after the other, to be evaluated where it is asked for.
 
     ``initial_lla`` (3,) rad, rad, m; ``initial_speed`` m/s, level, along ``initial_heading`` rad; ``dt`` s. Every
     part of a segment (entry, steady part) is rounded to whole samples; what it is to reach (angle, height, speed) is
@@ -292,122 +249,15 @@ def build(
         raise ValueError("there is nothing to fly: the segments change nothing and take no time")
     if count > MAX_SAMPLES:
         raise ValueError(f"{count * dt:g} s at {dt:g} s are {count} samples; at most {MAX_SAMPLES} are built")
-    return _fly(profile, np.asarray(initial_lla, dtype=np.float64), count, dt)
+    return Path(profile.polynomials(), np.asarray(initial_lla, dtype=np.float64), count, dt)
 
 
-# Gauss-Legendre points on [0, 1], their weights, and the integrals of the interpolant from 0 to each point: the Gauss
-# collocation method of order six.
-_ROOT15 = math.sqrt(15.0)
-_POINTS = np.array([0.5 - _ROOT15 / 10.0, 0.5, 0.5 + _ROOT15 / 10.0])
-_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
-_TO_POINT = np.array(
-    [
-        [5.0 / 36.0, 2.0 / 9.0 - _ROOT15 / 15.0, 5.0 / 36.0 - _ROOT15 / 30.0],
-        [5.0 / 36.0 + _ROOT15 / 24.0, 2.0 / 9.0, 5.0 / 36.0 - _ROOT15 / 24.0],
-        [5.0 / 36.0 + _ROOT15 / 30.0, 2.0 / 9.0 + _ROOT15 / 15.0, 5.0 / 36.0],
-    ]
-)
-# A long flight is made in blocks of samples, to bound the memory of what lies between.
-_BLOCK: Final = 50_000
-_HIGHEST_LATITUDE: Final = math.radians(89.0)
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """Velocity and attitude (roll, pitch, heading) with their derivatives, at times of any shape."""
-
-    v_n: Array
-    a_n: Array
-    rpy: Array
-    rpy_rate: Array
-
-
-def _motion(polynomials: tuple[PPoly, PPoly, PPoly], t: Array) -> _Motion:
-    """Closed forms at times ``t``: nose along the velocity, bank of a coordinated turn."""
-    vertical, speed, heading = polynomials
-    u, du = vertical(t), vertical(t, 1)
-    V, dV = speed(t), speed(t, 1)
-    psi, dpsi, ddpsi = heading(t), heading(t, 1), heading(t, 2)
-
-    # Speed is along the path: across the ground goes what the climb leaves of it.
-    across = np.sqrt(V * V - u * u)
-    moving = across > 0.0
-    d_across = np.where(moving, (V * dV - u * du) / np.where(moving, across, 1.0), dV)
-    s, c = np.sin(psi), np.cos(psi)
-    v_n = np.stack([across * s, across * c, u], axis=-1)
-    a_n = np.stack([d_across * s + across * dpsi * c, d_across * c - across * dpsi * s, du], axis=-1)
-
-    d_pitch = np.where(moving, (across * du - u * d_across) / np.where(moving, V * V, 1.0), 0.0)
-    lean = V * dpsi / earth.STANDARD_GRAVITY
-    d_lean = (dV * dpsi + V * ddpsi) / earth.STANDARD_GRAVITY
-    rpy = np.stack([np.arctan(lean), np.arctan2(u, across), psi], axis=-1)
-    rpy_rate = np.stack([d_lean / (1.0 + lean * lean), d_pitch, dpsi], axis=-1)
-    return _Motion(v_n, a_n, rpy, rpy_rate)
-
-
-def _integrate(rate: Array, start: float, dt: float) -> tuple[Array, Array]:
-    """Integral of a rate given at the points (n, 3): at the points (n, 3), and at the end of each sample (n,)."""
-    ends = start + np.cumsum(rate @ _WEIGHTS) * dt
-    starts = np.concatenate([[start], ends[:-1]])
-    return starts[:, None] + (rate @ _TO_POINT.T) * dt, ends
-
-
-def _positions(v_n: Array, height: Array, lla0: Array, dt: float) -> tuple[Array, Array, Array]:
-    """Latitude at the points (n, 3), latitude and longitude at the end of each sample (n,).
-
-    ``v_n`` (n, 3, 3) and ``height`` (n, 3) are at the points. The latitude's own effect on the meridian radius is
-    solved by fixed-point iteration: it converges a hundredfold a turn.
-    """
-    lat = np.full(height.shape, lla0[0])
-    for _ in range(20):
-        r_m, _ = earth.principal_radii(lat)
-        previous = lat
-        lat, lat_ends = _integrate(v_n[..., 1] / (r_m + height), lla0[0], dt)
-        if not np.abs(lat).max() < _HIGHEST_LATITUDE:
-            raise ValueError("the flight comes within 1 degree of a pole, where a local level frame does not work")
-        if np.abs(lat - previous).max() < 1e-15:
-            break
-    _, r_n = earth.principal_radii(lat)
-    _, lon_ends = _integrate(v_n[..., 0] / ((r_n + height) * np.cos(lat)), lla0[1], dt)
-    return lat, lat_ends, lon_ends
-
-
-def _imu(motion: _Motion, lat: Array, height: Array) -> tuple[Array, Array]:
-    """Angular rate and specific force in the body frame (..., 3) that go with a motion at a place."""
-    C_nb = rpy_to_matrix(motion.rpy)
-    earth_n = earth.earth_rate_n(lat)
-    omega_in = earth_n + earth.transport_rate_n(lat, height, motion.v_n)
-    f_n = motion.a_n + cross(omega_in + earth_n, motion.v_n)
-    f_n[..., 2] += earth.gravity(lat, height)
-
-    omega_b = np.einsum("...ji,...j->...i", C_nb, omega_in)
-    s, c = np.sin(motion.rpy), np.cos(motion.rpy)
-    d_roll, d_pitch, d_heading = motion.rpy_rate[..., 0], motion.rpy_rate[..., 1], motion.rpy_rate[..., 2]
-    omega_b[..., 0] += d_roll - d_heading * s[..., 1]
-    omega_b[..., 1] += d_pitch * c[..., 0] + d_heading * s[..., 0] * c[..., 1]
-    omega_b[..., 2] += d_heading * c[..., 0] * c[..., 1] - d_pitch * s[..., 0]
-    return omega_b, np.einsum("...ji,...j->...i", C_nb, f_n)
-
-
-def _fly(profile: _Profile, lla0: Array, count: int, dt: float) -> Trajectory:
-    polynomials = profile.polynomials()
-    climb = polynomials[0].antiderivative()
-    time: Array = np.arange(count + 1, dtype=np.float64) * dt
-    lla = np.empty((count + 1, 3))
-    lla[0] = lla0
-    lla[:, 2] = lla0[2] + climb(time)
-    omega_b, f_b = np.empty((count, 3)), np.empty((count, 3))
-    for start in range(0, count, _BLOCK):
-        end = min(start + _BLOCK, count)
-        points: Array = time[start:end, None] + _POINTS * dt
-        motion = _motion(polynomials, points)
-        height = lla0[2] + climb(points)
-        lat, lla[start + 1 : end + 1, 0], lla[start + 1 : end + 1, 1] = _positions(motion.v_n, height, lla[start], dt)
-        omega, f = _imu(motion, lat, height)
-        omega_b[start:end] = np.einsum("j,njk->nk", _WEIGHTS, omega)
-        f_b[start:end] = np.einsum("j,njk->nk", _WEIGHTS, f)
-    lla[:, 1] -= 2.0 * np.pi * np.round(lla[:, 1] / (2.0 * np.pi))
-    instants = _motion(polynomials, time)
-    rpy = instants.rpy
-    rpy[:, 2] = np.mod(rpy[:, 2], 2.0 * np.pi)
-    return Trajectory(dt, time, lla, instants.v_n, rpy, omega_b, f_b)
+def build(
+    initial_lla: Sequence[float] | Array,
+    initial_speed: float,
+    initial_heading: float,
+    segments: Sequence[Straight | Hold | Climb | Turn | SpeedChange],
+    dt: float,
+) -> Trajectory:
+    """The whole flight at once: arguments and errors of :func:`plan`."""
+    return plan(initial_lla, initial_speed, initial_heading, segments, dt).whole()

@@ -14,6 +14,7 @@ from starlette.requests import ClientDisconnect
 
 from ftcore import CommandError
 from ftcore.sensors.rinex import LogError
+from ftcore.systems.base import NOISE_FLOOR
 from server.dependencies import Registry, SettingsOf, kept_for
 from server.models import ExperimentState, LogLimits
 from server.problems import FieldError, Refused, at, documented
@@ -48,6 +49,14 @@ FORM: dict[str, Any] = {
             "unit": "m",
             "example": "-3978241.958, 3382840.234, 3649900.853",
         },
+        "noise_floor": {
+            "type": "string",
+            "pattern": f"^{_NUMBER}$",
+            "description": "pseudorange 1-sigma to assume at every elevation; `GET /logs` says the usual one and its "
+            "bounds. An event `log.noise` says which would fit where the residuals contradict it",
+            "unit": "m",
+            "example": "5",
+        },
         "title": {"type": "string", "minLength": 1, "maxLength": 120, "description": "the log's if absent"},
     },
 }
@@ -61,6 +70,9 @@ def get_log_limits(settings: SettingsOf) -> LogLimits:
         observation_bytes=settings.max_observation_bytes,
         navigation_bytes=settings.max_navigation_bytes,
         epochs=settings.max_log_epochs,
+        noise_floor=NOISE_FLOOR[1],
+        least_noise_floor=NOISE_FLOOR[0],
+        largest_noise_floor=NOISE_FLOOR[2],
     )
 
 
@@ -83,7 +95,7 @@ async def fly_log(request: Request, registry: Registry, settings: SettingsOf, re
         experiment = await registry.create_from_log(log, title)
     except (LogError, CommandError) as error:
         part = error.field.removeprefix("parameters.log").removeprefix(".")
-        places = [part] if part in ("antenna", *FILES) else FILES
+        places = {"antenna": ["antenna"], "floor": ["noise_floor"]}.get(part, [part] if part in FILES else FILES)
         raise Refused(409, str(error), [at([place], str(error)) for place in places]) from None
     await kept_for(request, experiment)
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
@@ -110,7 +122,7 @@ async def _received(request: Request, settings: Settings) -> tuple[ReceiverLog, 
                     detail = f"the {name} file has {len(content) / 1e6:.1f} MB; at most {most / 1e6:g} MB are taken"
                     raise Refused(413, detail, [at([name], detail)])
                 contents[name] = content
-            antenna, title = form.get("antenna"), form.get("title")
+            antenna, title, floor = (form.get(name) for name in ("antenna", "title", "noise_floor"))
     except HTTPException as error:
         if error.status_code != 400:
             raise
@@ -121,7 +133,9 @@ async def _received(request: Request, settings: Settings) -> tuple[ReceiverLog, 
     if isinstance(antenna, str):
         x, y, z = (float(part) for part in antenna.split(","))
         place = (x, y, z)
-    log = ReceiverLog(contents["observation"], contents["navigation"], place)
+    log = ReceiverLog(
+        contents["observation"], contents["navigation"], place, float(floor) if isinstance(floor, str) else None
+    )
     return log, title if isinstance(title, str) else None
 
 
@@ -140,5 +154,8 @@ def _misfits(form: FormData) -> Iterator[FieldError]:
     antenna, title = form.get("antenna"), form.get("title")
     if antenna is not None and not (isinstance(antenna, str) and re.fullmatch(_PLACE, antenna)):
         yield at(["antenna"], "three numbers are needed, separated by commas: x, y, z in metres, Earth-fixed")
+    floor = form.get("noise_floor")
+    if floor is not None and not (isinstance(floor, str) and re.fullmatch(_NUMBER, floor)):
+        yield at(["noise_floor"], "a number of metres is needed")
     if title is not None and not (isinstance(title, str) and 1 <= len(title) <= 120):
         yield at(["title"], "a title has 1 to 120 characters")

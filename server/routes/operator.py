@@ -15,7 +15,7 @@ from server.models import ExperimentState, FaultChange, FaultState, NewFault, Su
 from server.problems import Refused, documented, from_validation
 
 router = APIRouter(prefix="/experiments/{id}", tags=["operator"])
-ERRORS = documented(400, 404, 409, 413, 415, 422)
+ERRORS = documented(400, 404, 409, 410, 413, 415, 422)
 FaultId = Annotated[str, Path(description="a fault of this experiment", examples=["f1"])]
 
 
@@ -55,7 +55,9 @@ async def change_fault(fault: FaultId, body: FaultChange, experiment: Live) -> F
     return await experiment.command(change)
 
 
-@router.delete("/faults/{fault}", operation_id="clearFault", summary="Clear a fault", responses=documented(404, 409))
+@router.delete(
+    "/faults/{fault}", operation_id="clearFault", summary="Clear a fault", responses=documented(404, 409, 410)
+)
 async def clear_fault(fault: FaultId, experiment: Live) -> FaultState:
     """Ends one fault now; the channel is truly restored. An ended fault stays in the list."""
 
@@ -66,7 +68,7 @@ async def clear_fault(fault: FaultId, experiment: Live) -> FaultState:
     return await experiment.command(clear)
 
 
-@router.delete("/faults", operation_id="clearFaults", summary="Clear all faults", responses=documented(404, 409))
+@router.delete("/faults", operation_id="clearFaults", summary="Clear all faults", responses=documented(404, 409, 410))
 async def clear_faults(experiment: Live) -> list[FaultState]:
     """Ends every fault that is armed or active; answers those."""
     return await experiment.command(lambda s: [fault_state(s, fault) for fault in s.clear_all()])

@@ -13,7 +13,7 @@ from server.models import Advance, Advanced, ClockChange, EventState, Experiment
 from server.problems import Refused, at, documented
 
 router = APIRouter(prefix="/experiments/{id}", tags=["time"])
-ERRORS = documented(400, 404, 409, 413, 415, 422)
+ERRORS = documented(400, 404, 409, 410, 413, 415, 422)
 
 
 @router.patch("/clock", operation_id="setClock", summary="Run, pause, or change the speed", responses=ERRORS)
@@ -31,7 +31,7 @@ async def set_clock(body: ClockChange, experiment: Live) -> ExperimentState:
     "/advance",
     operation_id="advanceExperiment",
     summary="Fly on, as fast as it goes",
-    responses=ERRORS | documented(410, 503),
+    responses=ERRORS | documented(503),
 )
 async def advance_experiment(body: Advance, experiment: Live, settings: SettingsOf, request: Request) -> Advanced:
     """Answers when it is there: the state, what happened on the way, and the last value of every signal.

@@ -27,10 +27,11 @@ def folder(made: Files, tmp_path_factory: pytest.TempPathFactory) -> Path:
     kept = tmp_path_factory.mktemp("log")
     (kept / "roof.26o").write_bytes(made.observation)
     (kept / "roof.26n").write_bytes(made.navigation)
-    (kept / "roof.26o.gz").write_bytes(gzip.compress(made.observation))
+    (kept / "roof.26o.gz").write_bytes(gzip.compress(made.observation)[:-30])
+    (kept / "noisy.26o.gz").write_bytes(gzip.compress(files(EPOCHS, noise=8.0).observation))
     (kept / "march.26n").write_bytes(files(EPOCHS, days=4).navigation)
     with (kept / "huge.26n").open("wb") as file:
-        file.truncate(5_000_001)
+        file.truncate(20_000_001)
     return kept
 
 
@@ -48,8 +49,8 @@ def submit(dialog: Locator) -> None:
 def test_a_log_is_opened_run_and_broken(lab: Lab, folder: Path, made: Files) -> None:
     before = lab.id
     dialog = opened(lab)
-    expect(dialog).to_contain_text("at most 20 MB and 3600 epochs")
-    expect(dialog).to_contain_text("at most 5 MB")
+    expect(dialog).to_contain_text("at most 64 MB and 8640 epochs")
+    expect(dialog).to_contain_text("at most 20 MB")
     dialog.get_by_label("Observation file").set_input_files(folder / "roof.26o")
     dialog.get_by_label("Navigation file").set_input_files(folder / "roof.26n")
     dialog.get_by_label("Antenna position").fill(made.position)
@@ -93,6 +94,28 @@ def test_it_runs_by_the_clock_at_a_speed_that_fits(lab: Lab, folder: Path) -> No
     assert lab.now == 900.0
 
 
+def test_noise_that_contradicts_the_assumption_is_a_warning_and_its_floor_can_be_given(lab: Lab, folder: Path) -> None:
+    dialog = opened(lab)
+    dialog.get_by_label("Observation file").set_input_files(folder / "noisy.26o.gz")
+    dialog.get_by_label("Navigation file").set_input_files(folder / "roof.26n")
+    submit(dialog)
+    warning = lab.page.locator("ft-welcome .remark").filter(has_text="The residuals contradict the assumed noise")
+    expect(warning).to_contain_text("m would fit.")
+    expect(lab.page.locator("ft-log")).to_contain_text("The residuals contradict the assumed noise")
+    events = lab.rest("GET", f"/experiments/{lab.id}/events")
+    fits = next(event["detail"]["fitting_floor"] for event in events if event["kind"] == "log.noise")
+
+    dialog = opened(lab)
+    dialog.get_by_label("Observation file").set_input_files(folder / "noisy.26o.gz")
+    dialog.get_by_label("Navigation file").set_input_files(folder / "roof.26n")
+    dialog.get_by_label("Noise floor").fill(str(fits))
+    submit(dialog)
+    expect(dialog).to_be_hidden()
+    expect(lab.page.locator("ft-welcome")).to_contain_text("Receiver log")
+    expect(warning).to_have_count(0)
+    assert lab.rest("GET", f"/experiments/{lab.id}/scenario")["parameters"]["log"]["floor"] == fits
+
+
 def test_what_is_wrong_is_said_at_the_field(lab: Lab, folder: Path) -> None:
     lab.refusals_expected = True
     before = lab.id
@@ -103,7 +126,7 @@ def test_what_is_wrong_is_said_at_the_field(lab: Lab, folder: Path) -> None:
     antenna.fill("north pole")
     submit(dialog)
     expect(observation).to_have_accessible_description(
-        "Choose a file. With the code on L1; at most 20 MB and 3600 epochs."
+        "Choose a file. With the code on L1; at most 64 MB and 8640 epochs; plain, .gz, .Z or .crx."
     )
     expect(observation).to_be_focused()
     expect(dialog.locator(".field .error:visible")).to_have_count(3)
@@ -113,13 +136,13 @@ def test_what_is_wrong_is_said_at_the_field(lab: Lab, folder: Path) -> None:
     navigation.set_input_files(folder / "huge.26n")
     antenna.fill("")
     submit(dialog)
-    expect(dialog.locator(".field .error:visible")).to_have_text(["This file has 5.01 MB; at most 5 MB are taken."])
+    expect(dialog.locator(".field .error:visible")).to_have_text(["This file has 20.01 MB; at most 20 MB are taken."])
 
     observation.set_input_files(folder / "roof.26o.gz")
     navigation.set_input_files(folder / "roof.26n")
     submit(dialog)
     expect(dialog.locator(".field .error:visible")).to_have_text(
-        ["The observation file is compressed; unpack it first."]
+        ["The observation file is corrupt: its gzip packing is damaged or cut off."]
     )
     expect(observation).to_be_focused()
 
@@ -128,6 +151,14 @@ def test_what_is_wrong_is_said_at_the_field(lab: Lab, folder: Path) -> None:
     submit(dialog)
     expect(dialog.get_by_role("alert")).to_have_text(re.compile("^The two files do not belong together: "))
     expect(dialog.locator("[aria-invalid=true]")).to_have_count(2)
+
+    floor = dialog.get_by_label("Noise floor")
+    floor.fill("0")
+    navigation.set_input_files(folder / "roof.26n")
+    submit(dialog)
+    expect(dialog.locator(".field .error:visible")).to_have_text(["A number of metres is needed, from 0.01 to 100."])
+    expect(floor).to_be_focused()
+    floor.fill("")
 
     antenna.fill("1, 2, 3")
     navigation.set_input_files(folder / "roof.26n")
@@ -151,10 +182,10 @@ def test_without_a_mouse_and_in_either_theme(lab: Lab, folder: Path) -> None:
         seen.append(dialog.evaluate("(d) => getComputedStyle(d).backgroundColor"))
     assert seen[0] != seen[1]
     order = []
-    for _ in range(4):
+    for _ in range(5):
         order.append(page.evaluate("document.activeElement.name || document.activeElement.textContent"))
         page.keyboard.press("Tab")
-    assert order == ["observation", "navigation", "antenna", "Open"]
+    assert order == ["observation", "navigation", "antenna", "noise_floor", "Open"]
     page.keyboard.press("Escape")
     expect(dialog).to_be_hidden()
     scenario = lab.rest("GET", f"/experiments/{lab.id}")["scenario"]["id"]

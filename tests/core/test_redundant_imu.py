@@ -244,6 +244,15 @@ def test_what_reaches_the_ground_stays_there():
     assert np.isfinite(sim.recording.rows[..., sim.recording.column["unprotected.distance"]]).all()
 
 
+def test_what_breaks_up_stays_where_it_broke_and_the_flight_goes_on():
+    """Schedule 16 of tests/papers/schedules.py, made worse: with a stuck gyro the equations overflowed."""
+    stuck = [{"channel": f"imu.gyro.{axis}", "kind": "ramp", "magnitude": 100.0, "start": 0.5} for axis in ("1x", "2x")]
+    sim = Simulation(scenario(stuck, 3.0, driving_test="none")).advance()
+    assert np.isfinite(sim["unprotected.distance"]).all()
+    assert max(np.abs(sim[f"truth.{a}"]).max() for a in ("alpha", "beta", "roll", "pitch")) < 100.0
+    assert np.isfinite(sim["path.healthy.east"]).all()
+
+
 # ---- detection and isolation
 
 

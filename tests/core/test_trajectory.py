@@ -10,8 +10,8 @@ from ftcore import earth
 from ftcore.estimation.ins_error import navigation_error
 from ftcore.estimation.strapdown import InsState, propagate
 from ftcore.rotation import matrix_to_rotvec, rotvec_to_matrix
-from ftcore.world import trajectory
-from ftcore.world.trajectory import Climb, Hold, Segment, SpeedChange, Straight, Trajectory, Turn, build
+from ftcore.world import path, trajectory
+from ftcore.world.trajectory import Climb, Hold, Segment, SpeedChange, Straight, Trajectory, Turn, build, plan
 
 START = (np.radians(40.0), np.radians(116.0), 5000.0)
 
@@ -142,10 +142,38 @@ def test_given_any_flight_when_differentiated_twice_then_velocity_attitude_and_i
 
 def test_given_a_long_flight_when_made_in_blocks_then_the_joints_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = build(START, 250.0, 0.5, HARD[:5], 0.025)
-    monkeypatch.setattr(trajectory, "_BLOCK", 333)
+    monkeypatch.setattr(path, "_BLOCK", 333)
+    monkeypatch.setattr(path, "_SUMMED", 333)
     parts = build(START, 250.0, 0.5, HARD[:5], 0.025)
     np.testing.assert_allclose(parts.lla, whole.lla, rtol=0, atol=1e-13)
     np.testing.assert_allclose(parts.f_b, whole.f_b, rtol=0, atol=1e-11)
+
+
+def test_given_a_flight_when_asked_for_in_any_order_then_every_piece_has_the_bits_of_the_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole = build(START, 250.0, 0.5, HARD[:5], 0.025)
+    monkeypatch.setattr(path, "_BLOCK", 500)
+    flight = plan(START, 250.0, 0.5, HARD[:5], 0.025)
+    pieces = [(480, 520), (whole.samples - 40, whole.samples), (0, 40), (1000, 2500), (500, 1000), (480, 520)]
+    for start, end in pieces:
+        piece = flight.between(start, end)
+        for name in ("time", "lla", "v_n", "rpy"):
+            np.testing.assert_array_equal(getattr(piece, name), getattr(whole, name)[start : end + 1], err_msg=name)
+        for name in ("omega_b", "f_b"):
+            np.testing.assert_array_equal(getattr(piece, name), getattr(whole, name)[start:end], err_msg=name)
+    for start, end in ((0, 0), (-1, 5), (5, whole.samples + 1)):
+        with pytest.raises(ValueError, match="do not lie"):
+            flight.between(start, end)
+
+
+def test_given_a_long_flight_when_planned_then_nothing_is_evaluated_yet_and_a_pole_is_refused_all_the_same() -> None:
+    flight = plan(START, 250.0, 0.0, [Straight(duration=36000.0 / 250.0)], 0.01)
+    assert not flight._memo
+    flight.between(0, 100)
+    assert list(flight._memo) == [0]
+    with pytest.raises(ValueError, match="within 1 degree of a pole"):
+        plan((np.deg2rad(60.0), 0.0, 5000.0), 250.0, 0.0, [Straight(duration=20000.0)], 0.01)
 
 
 def test_given_a_flight_over_the_date_line_when_built_then_longitude_wraps() -> None:

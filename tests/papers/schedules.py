@@ -12,7 +12,7 @@ An error is judged by its median over the last WINDOW seconds. A sound filter's 
 each of at most nine axes of a schedule leaves 4 sigma with a probability of 6e-5, and one of 300 schedules has such an
 axis with a probability below 0.16; the seeds are fixed, so it happens always or never.
 
-By hand: ``python -m tests.papers.schedules SYSTEM [FIRST [COUNT]]`` prints how many failed, and the worst.
+By hand: ``python -m tests.papers.schedules SYSTEM [FIRST [COUNT]]`` prints those that fail, and how many.
 """
 
 from __future__ import annotations
@@ -248,11 +248,14 @@ def worst(findings: Iterable[Finding], count: int = 10) -> str:
 
 
 def _main(system: str, first: int = 0, count: int = 30) -> None:
-    found = [fly(system, number) for number in range(first, first + count)]
-    wrong = sum(not f.fine for f in found)
+    found = []
+    for number in range(first, first + count):
+        found.append(fly(system, number))
+        if not found[-1].fine:
+            print(found[-1], flush=True)
     locked, far = sum(bool(f.locked) for f in found), sum(f.worst[0] > SIGMAS for f in found)
+    wrong = sum(not f.fine for f in found)
     print(f"{system} {first} to {first + count - 1}: {wrong} of {count} wrong; {locked} locked out, {far} beyond sigma")
-    print(worst((f for f in found if not f.fine), 100))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """The parts compose: every driving test with every master and every IMU, and with them every mode and integrity.
 
-Each combination flies two minutes with faults and must end finite, with the right subject isolated where its driver
-can see it, and *consistent*: the position within SIGMAS of its own sigma, and NEES of the nine navigation states, over
-all runs, within the band of chi-square. Where nobody guards the estimate the same band must be left while the fault
-lasts, which shows that it can be.
+Each combination flies until half a minute after its last fault, system A a whole one, and must end finite, with the
+right subject isolated where its driver can see it, and *consistent*: the position within SIGMAS of its own sigma, and
+NEES of the nine navigation states, over all runs, within the band of chi-square. Where nobody guards the estimate the
+same band must be left while the fault lasts, which shows that it can be.
 
 All combinations of all settings are many (`long`). The normal suite flies every driving test with every master and
 every IMU; the other settings are chosen so that any two choices meet at least once.
@@ -24,11 +24,11 @@ from ftcore import Fault, Scenario, Simulation
 Choices = Mapping[str, tuple[str, ...]]
 Combination = dict[str, str]
 
-SECONDS, RUNS, SEED = 120.0, 4, 5
+SECONDS, RUNS, SEED = 140.0, 4, 5
 P_BAND = 1e-6
 """How often a flight that is consistent leaves the band of NEES."""
-SIGMAS = 5.5
-"""One of three axes of RUNS runs is further off than this in 5e-7 of epochs."""
+SIGMAS, SIGMAS_AFTERWARDS = 5.5, 4.0
+"""One of three axes of RUNS runs is further off than these in 5e-7, and in 8e-4, of epochs."""
 
 
 def every(choices: Choices) -> Iterator[Combination]:
@@ -86,7 +86,7 @@ def assert_finite(sim: Simulation, may_lack: tuple[str, ...]) -> None:
             assert finite.all(), signal
 
 
-def changed(sim: Simulation, what: str, subject: str, start: float, end: float = SECONDS) -> bool:
+def changed(sim: Simulation, what: str, subject: str, start: float, end: float = np.inf) -> bool:
     """Whether this subject was isolated, or readmitted, in every run at start <= t <= end."""
     kind = f"subsystem.{what}"
     times = [(e.run, e.time) for e in sim.events if e.kind == kind and e.subject == subject]
@@ -118,13 +118,13 @@ LOWEST = chi2.ppf(P_BAND / 2.0, 9 * RUNS) / chi2.isf(P_BAND / 2.0, 9 * RUNS)
 """The lower end of the band, in units of the upper one."""
 
 
-def assert_consistent(sim: Simulation, time: float) -> None:
+def assert_consistent(sim: Simulation, time: float, sigmas: float = SIGMAS) -> None:
     """The fused estimate is as good as it says, no worse and not much better."""
     assert LOWEST < nees(sim, time) < 1.0, f"NEES at {time:g} s is {nees(sim, time):g} of what chance allows"
     epoch = np.searchsorted(sim.time, time - 1e-9)
     for part in ("east", "north", "up"):
         error, sigma = sim[f"fused.error.position.{part}"][epoch], sim[f"fused.sigma.position.{part}"][epoch]
-        assert (np.abs(error) < SIGMAS * sigma).all(), f"{part} at {time:g} s: {error} of {sigma}"
+        assert (np.abs(error) < sigmas * sigma).all(), f"{part} at {time:g} s: {error} of {sigma}"
 
 
 # ---- SINS/GPS/Doppler: an accelerometer fails at 30 s, a satellite from 50 to 80 s
@@ -137,7 +137,8 @@ DOPPLER_SYSTEM: Choices = {
     "satellite_integrity": ("off", "snapshot", "innovation"),
 }
 PROMPT = ("residual", "two-propagator", "glr", "cusum")
-"""Tests that see 100 m within seconds; the state test is blind to it for long."""
+"""Tests that see 100 m within seconds; the state test is blind to it. Then the estimate is cleaned a few epochs later,
+because it contradicts GPS; while the fault lasts it may be wrong for those."""
 
 
 def fly_doppler_system(combination: Combination) -> Simulation:
@@ -160,7 +161,8 @@ def check_doppler_system(combination: Combination) -> None:
     accused = ever_isolated(sim)
     whole = combination["satellite_integrity"] == "off"
     imu_guarded = combination["imu_driving_test"] != "none"
-    gps_guarded = not whole or combination["driving_test"] in PROMPT
+    prompt = not whole or combination["driving_test"] in PROMPT
+    gps_guarded = prompt or combination["driving_test"] != "none"
 
     assert isolated(sim, "imu.accelerometer.3", 30.0, 33.0) == imu_guarded
     if whole:
@@ -176,7 +178,7 @@ def check_doppler_system(combination: Combination) -> None:
     if combination["driving_test"] in ("residual", "two-propagator"):
         assert sim["used.gps"][-1].all(), "GPS is in the master again"
 
-    if not whole or combination["driving_test"] in PROMPT:
+    if prompt:
         assert not back_while_faulty(sim, "gps" if whole else "gps.C1", 50.0, 80.0)
 
     error = np.abs([sim[f"fused.error.position.{part}"] for part in ("east", "north", "up")])
@@ -185,8 +187,9 @@ def check_doppler_system(combination: Combination) -> None:
         # Doppler alone never learns its position: with no-reset, or the filters that are alone, it is all there is.
         alone = combination["fusion_mode"] == "no-reset" or combination["master"] == "covariance-intersection"
         assert error[:, 40:].max() < (400.0 if alone and whole else 25.0)
-        for time in (49.0, 79.0, SECONDS):
+        for time in (49.0, 79.0) if prompt else (49.0,):
             assert_consistent(sim, time)
+        assert_consistent(sim, SECONDS, SIGMAS_AFTERWARDS)
     else:
         assert max(nees(sim, 49.0), nees(sim, 79.0)) > 1.0
 
@@ -224,6 +227,7 @@ STAR_SYSTEM: Choices = {
     "exclusion": ("weights", "isolation"),
     "imu_driving_test": ("glt", "parity"),
 }
+STAR_SECONDS = 120.0
 STAR_MATRIX = {name: STAR_SYSTEM[name] for name in ("master", "driving_test", "configuration")}
 
 
@@ -237,7 +241,7 @@ def fly_star_system(combination: Combination) -> Simulation:
             "title": "composition",
             "system": "sins-gps-bd2-cns",
             "seed": SEED,
-            "duration": SECONDS,
+            "duration": STAR_SECONDS,
             "parameters": {"inertial": {"configuration": combination["configuration"]}},
             "settings": {k: v for k, v in combination.items() if k != "configuration"},
         }
@@ -264,7 +268,7 @@ def check_star_system(combination: Combination) -> None:
     # The state form sees the fault when the filter has taken it in; so much of it there is before that.
     late = driver == "two-propagator-state"
     assert error[:, 59:].max() < (15.0 if late else 5.0)
-    for time in (89.0, SECONDS):
+    for time in (89.0, STAR_SECONDS):
         assert_consistent(sim, time)
 
 

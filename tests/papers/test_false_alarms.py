@@ -2,7 +2,8 @@
 
 Three kinds of tests, three bands, each left with probability 1e-4 by a right program:
 
-- the residual test looks at innovations, which are white: every epoch is a trial of its own, the band is binomial;
+- the residual and the altimeter test look at innovations, which are white: every epoch is a trial of its own, the band
+  is binomial;
 - the state test, the two-propagator test, the sums and (a little, by the error of their calibration) the parity tests
   are exact in every single epoch but alike from epoch to epoch: runs are the independent units, see `clustered_band`;
 - the GLR is bounded by P_fa, not equal to it (Sidak), and an instrument can only be named when its set alarms: for
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from ftcore import Simulation, catalogue
 from tests.papers.bands import Array, Flags, binomial_band, cluster_size, clustered_band, likeness
@@ -37,9 +38,11 @@ COLUMNS = [
     for s in t.subjects
     if t.name not in ("integrity", "parity-trusted")  # silent here; see test_satellite_integrity and below
 ]
-WHITE = ("residual",)
+WHITE = ("residual", "altimeter")
 BOUNDED = ("glr",)
-CHI_SQUARE = [c for c in COLUMNS if c[0] in ("residual", "state", "two-propagator") or c == ("parity", "imu.gyro")]
+CHI_SQUARE = [
+    c for c in COLUMNS if c[0] in ("residual", "altimeter", "state", "two-propagator") or c == ("parity", "imu.gyro")
+]
 
 
 def is_bound(test: str, subject: str) -> bool:
@@ -166,3 +169,11 @@ def test_given_nothing_fails_then_hardly_anybody_is_isolated():
         if event.kind == "subsystem.isolated"
     ]
     assert len(isolated) <= 3, isolated
+
+
+def test_given_nothing_fails_then_the_altimeter_s_innovations_are_white():
+    """Their product with that of the epoch before has mean 0 and variance 1; 9900 of them. False failure 1e-5."""
+    sim = flown(CALM)
+    z = np.sqrt(sim["test.altimeter.altimeter.statistic"]) * np.sign(sim["discrepancy.altimeter"])
+    products = z[1:] * z[:-1]
+    assert abs(products.mean()) < norm.isf(5e-6) / np.sqrt(products.size)

@@ -115,6 +115,28 @@ def test_a_deletion_ends_it_and_is_not_answered_as_if_it_had_arrived(
     assert "deleted" in answer.result().json()["detail"]
 
 
+@pytest.mark.parametrize(
+    ("method", "what", "body"),
+    [
+        ("POST", "/faults", FAULT),
+        ("DELETE", "/faults", None),
+        ("PATCH", "/settings", {"threshold": 5.0}),
+        ("PATCH", "/subsystems/ruler", {"enabled": False}),
+        ("POST", "/rewind", {"to": 0.0}),
+    ],
+)
+def test_a_command_whose_experiment_is_deleted_while_it_waits_is_not_answered_as_if_it_were_done(
+    flight: Flight, gate: Gate, aside: ThreadPoolExecutor, method: str, what: str, body: Any
+) -> None:
+    answer, there = advancing(flight, gate, aside), experiment(flight)
+    command = aside.submit(flight.ask, method, what, body)
+    queued(flight, 2)
+    deleted = aside.submit(flight.ask, "DELETE", "")
+    wait_until(lambda: there.closed, PATIENCE)
+    gate.open()
+    assert [each.result().status_code for each in (answer, command, deleted)] == [410, 410, 204]
+
+
 def test_a_second_one_is_refused_and_so_is_a_running_clock(
     flight: Flight, gate: Gate, aside: ThreadPoolExecutor
 ) -> None:

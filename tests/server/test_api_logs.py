@@ -18,6 +18,7 @@ from rest_lab import API, client_of, served
 
 from server.settings import Settings
 from server.uploads import Uploads
+from tests import packing
 from tests.synthetic_log import Files, files
 
 LOGS = f"{API}/logs"
@@ -115,6 +116,40 @@ def test_forks_ghosts_and_reposts_fly_the_same_log(client: TestClient, folder: P
     healthy = client.post(f"{API}/experiments/{ghost.json()['id']}/advance", json={}).json()["latest"]
     name = "unprotected.error.position.east"
     assert abs(healthy[name]) < 5.0 < abs(last[0][name])
+
+
+def test_noise_that_contradicts_what_is_assumed_is_an_event_and_its_floor_can_be_given(
+    client: TestClient, folder: Path
+) -> None:
+    noisy = files(EPOCHS, noise=6.0)
+    path = f"{API}/experiments/{flown(client, noisy)['id']}"
+    said = {event["kind"]: event for event in client.get(f"{path}/events").json()}
+    event = said["log.noise"]
+    assert (event["time"], event["run"], event["detail"]["probability"]) == (0.0, -1, 1e-4)
+    assert "a floor of" in event["detail"]["text"]
+    fits = event["detail"]["fitting_floor"]
+    assert fits == pytest.approx(6.0, rel=0.35)
+    experiment = flown(client, noisy, noise_floor=str(fits))
+    assert document(client, experiment)["parameters"]["log"]["floor"] == fits
+    kinds = [event["kind"] for event in client.get(f"{API}/experiments/{experiment['id']}/events").json()]
+    assert "log.noise" not in kinds
+
+
+@pytest.mark.parametrize(("floor", "status"), [("0", 409), ("1000", 409), ("much", 422), ("", 422), ("nan", 422)])
+def test_a_noise_floor_that_cannot_be_is_refused_at_its_field(
+    client: TestClient, folder: Path, made: Files, floor: str, status: int
+) -> None:
+    answer = upload(client, made.observation, made.navigation, noise_floor=floor)
+    assert answer.status_code == status
+    assert [error["field"] for error in answer.json()["errors"]] == ["noise_floor"]
+
+
+@pytest.mark.parametrize("packed", ["gz", "Z", "crx", "crx.gz", "bz2"])
+def test_a_packed_log_flies_like_the_plain_one(client: TestClient, folder: Path, made: Files, packed: str) -> None:
+    plain = flown(client, made)["clock"]
+    answer = upload(client, packing.packed(made.observation, packed), packing.packed(made.navigation, packed[-2:]))
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["clock"] == plain
 
 
 # ---- the files ----------------------------------------------------------------------------------------------------
@@ -319,6 +354,9 @@ def test_the_servers_limits_are_those_of_the_reader() -> None:
             "observation_bytes": 64_000_000,
             "navigation_bytes": 20_000_000,
             "epochs": 8640,
+            "noise_floor": 1.0,
+            "least_noise_floor": 0.01,
+            "largest_noise_floor": 100.0,
         }
     assert settings.max_observation_bytes == rinex.MAX_OBSERVATION_BYTES
     assert settings.max_navigation_bytes == rinex.MAX_NAVIGATION_BYTES

@@ -75,7 +75,7 @@ def test_the_socket_comes_up_with_visers_subprotocol_and_the_whole_scene(flight:
         assert socket.accepted_subprotocol == PROTOCOL
         heard = backlog(socket)
     kinds = {message["type"] for message in heard}
-    assert {"ArrowMessage", "MeshMessage", "LineSegmentsMessage", "IcosphereMessage", "LabelMessage"} <= kinds
+    assert {"ArrowMessage", "MeshMessage", "LineSegmentsMessage", "IcosphereMessage"} <= kinds
     theme = next(message for message in heard if message["type"] == "ThemeConfigurationMessage")
     assert theme["dark_mode"] is False  # ?darkMode darkens it, in the client
     assert theme["show_share_button"] is False

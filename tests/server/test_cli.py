@@ -85,6 +85,13 @@ def short(tmp_path: Path) -> str:
         (["run", "--observation", "a.05o"], {}, "--navigation is missing"),
         (["run", "--navigation", "a.05n"], {}, "--observation is missing"),
         (["run", "zhang-1992", "--antenna", "1,2,3"], {}, "belongs to a log"),
+        (["run", "zhang-1992", "--noise-floor", "5"], {}, "belongs to a log"),
+        (
+            ["run", "--observation", "a", "--navigation", "b", "--noise-floor", "0"],
+            {},
+            "--noise-floor: a noise floor of 0",
+        ),
+        (["run", "--observation", "a", "--navigation", "b", "--noise-floor", "x"], {}, "--noise-floor"),
         (["run", "--observation", "a.05o", "--navigation", "a.05n"], {}, "there is no observation file 'a.05o'"),
         (["run", "--observation", "a", "--navigation", "b", "--antenna", "1,2"], {}, "three numbers"),
         (["run", "--observation", "a", "--navigation", "b", "--antenna", "nan,0,0"], {}, "three numbers"),

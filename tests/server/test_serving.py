@@ -34,9 +34,9 @@ class Loop:
     def time(self) -> float:
         return self.now
 
-    def call_later(self, delay: float, call: Callable[[], None]) -> Any:
+    def call_later(self, delay: float, call: Callable[..., None], *arguments: Any) -> Any:
         cancelled: list[bool] = []
-        self._due.append((self.now + delay, call, cancelled))
+        self._due.append((self.now + delay, functools.partial(call, *arguments), cancelled))
 
         class Handle:
             def cancel(self) -> None:
@@ -62,7 +62,7 @@ class Wire:
     """A transport that remembers."""
 
     def __init__(self) -> None:
-        self.sent, self.closed, self.paused = b"", False, False
+        self.sent, self.closed, self.paused, self.aborted, self.unread = b"", False, False, False, 0
         self.protocol: Any = None
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
@@ -74,7 +74,11 @@ class Wire:
     def close(self) -> None:
         self.closed = True
 
-    abort = close
+    def abort(self) -> None:
+        self.closed = self.aborted = True
+
+    def get_write_buffer_size(self) -> int:
+        return self.unread
 
     def is_closing(self) -> bool:
         return self.closed
@@ -121,6 +125,10 @@ def loop(monkeypatch: pytest.MonkeyPatch) -> Iterator[Loop]:
     real = asyncio.new_event_loop()
     asyncio.set_event_loop(real)
     yield Loop(real)
+    left = asyncio.all_tasks(real)
+    for task in left:
+        task.cancel()
+    real.run_until_complete(asyncio.wait(left) if left else asyncio.sleep(0.0))
     real.close()
     asyncio.set_event_loop(None)
 
@@ -187,6 +195,20 @@ def test_a_request_under_way_takes_as_long_as_it_takes_and_many_may_follow(
         connection.say(HEAD)
     assert connection.wire.sent.count(b"200") == 11
     assert not connection.wire.closed
+
+
+def test_a_slow_client_gets_all_of_its_answer_and_one_that_does_not_read_is_hung_up_on(
+    connect: Callable[..., Connection], loop: Loop
+) -> None:
+    slow, deaf = connect(), connect()
+    for connection in (slow, deaf):
+        connection.say(HEAD)
+        connection.wire.unread = 17_000_000
+    for _ in range(100):
+        slow.wire.unread -= 100_000
+        loop.wait(HEAD_SECONDS)
+    assert (slow.wire.closed, slow.wire.aborted) == (True, False)
+    assert deaf.wire.aborted
 
 
 def test_of_too_many_connections_that_wait_the_longest_is_closed(
@@ -260,6 +282,23 @@ TEXT, PING = Frame(Opcode.TEXT, b"{}"), Frame(Opcode.PING, b"")
 MORE = Frame(Opcode.CONT, b"", fin=False)
 
 
+def test_a_socket_that_floods_on_after_the_application_closed_it_is_not_read_to_the_end(
+    connect: Callable[..., Connection], loop: Loop
+) -> None:
+    async def refuses(scope: Any, receive: Any, send: Any) -> None:
+        await receive()
+        await send({"type": "websocket.accept"})
+        await send({"type": "websocket.close", "code": 4400, "reason": "no"})
+
+    browser = Browser(connect(refuses))
+    loop.turn()
+    browser.send(*[TEXT] * 20_000)
+    assert browser.told == (4400, "no")
+    assert browser.connection.wire.paused
+    loop.wait(serving.GOODBYE)
+    assert browser.connection.wire.closed
+
+
 @pytest.mark.parametrize(
     "flood", [[TEXT], [PING], [Frame(Opcode.PONG, b"")], [Frame(Opcode.TEXT, b"", fin=False), MORE]]
 )
@@ -290,6 +329,26 @@ def test_a_socket_may_send_as_many_as_anyone_needs(connect: Callable[..., Connec
             loop.turn()
     assert browser.told is None
     assert len(app.heard) == 1 + 20 * 200
+
+
+def test_a_socket_that_reads_nothing_is_hung_up_on(connect: Callable[..., Connection], loop: Loop) -> None:
+    browser = Browser(connect(Listener()))
+    browser.connection.wire.protocol.pause_writing()
+    loop.wait(20.0)  # a ping
+    loop.wait(20.0)  # and no answer
+    loop.wait(serving.GOODBYE)
+    assert browser.connection.wire.aborted
+
+
+def test_a_socket_that_does_not_hang_up_is_hung_up_on(connect: Callable[..., Connection], loop: Loop) -> None:
+    async def leaves(scope: Any, receive: Any, send: Any) -> None:
+        await receive()
+        await send({"type": "websocket.accept"})
+
+    browser = Browser(connect(leaves))
+    loop.turn()
+    loop.wait(serving.FAREWELL)
+    assert browser.connection.wire.aborted
 
 
 def test_a_text_that_is_none_ends_the_socket_quietly(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ftcore.noise import NoiseSource
-from ftcore.systems.base import Assembly
+from ftcore.systems.base import Assembly, Remark
 from ftcore.systems.gps_receiver.description import description
 from ftcore.systems.gps_receiver.forms import Parameters, Settings
 from ftcore.systems.gps_receiver.names import EPOCH, PRNS, SATELLITES, SUBJECTS, TESTS
@@ -28,8 +28,9 @@ class GpsReceiver:
             LogError: the scenario asks for a log that cannot be used; a ValueError of one sentence.
         """
         from ftcore.sensors import rinex
+        from ftcore.systems.gps_receiver.audit import audit
         from ftcore.systems.gps_receiver.navigator import Navigator
-        from ftcore.systems.gps_receiver.plant import LogPlant, SimulatedPlant
+        from ftcore.systems.gps_receiver.plant import LogPlant, SimulatedPlant, reference
         from ftcore.systems.gps_receiver.reporter import Reporter
 
         p: Parameters = parameters
@@ -40,18 +41,25 @@ class GpsReceiver:
         log = rinex.read(p.log.observation, p.log.navigation)
         dt = log.interval
         plant = LogPlant(log, p.log, len(runs))
+        x, y, z = reference(log, p.log).tolist()
+        remarks = [*(Remark("log.reading", "gps", note) for note in log.notes), *audit(log, p, (x, y, z))]
         seen = [prn for prn, ranges in zip(PRNS, log.pseudorange.T, strict=True) if np.isfinite(ranges).any()]
         absent = _absent(set(SATELLITES) - set(seen), f"the log has no pseudorange of it; it has {', '.join(seen)}")
         navigator = Navigator(p, len(runs), dt)
-        return Assembly(plant, navigator, Reporter(), TESTS, SUBJECTS, dt, len(log), absent)
+        return Assembly(plant, navigator, Reporter(), TESTS, SUBJECTS, dt, len(log), absent, remarks)
 
     def log_scenario(
-        self, observation: str, navigation: str, antenna: tuple[float, float, float] | None, max_epochs: int
+        self,
+        observation: str,
+        navigation: str,
+        antenna: tuple[float, float, float] | None,
+        max_epochs: int,
+        noise_floor: float | None,
     ) -> dict[str, Any]:
         """See :func:`ftcore.systems.gps_receiver.logs.log_scenario`."""
         from ftcore.systems.gps_receiver.logs import log_scenario
 
-        return log_scenario(observation, navigation, antenna, max_epochs)
+        return log_scenario(observation, navigation, antenna, max_epochs, noise_floor)
 
 
 def _absent(satellites: Iterable[str], reason: str) -> dict[str, str]:

@@ -10,11 +10,11 @@ from typing import Literal
 
 from pydantic import Field
 
-from ftcore.systems.base import Form
+from ftcore.systems.base import NOISE_FLOOR, Form
 from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, quantity
 
 LONGEST_LOG = 108_000.0
-"""Longest flight on a log [s]: thirty hours, the most epochs that are read at half a minute each."""
+"""Longest flight on a log [s]: thirty hours, the longest log that is read."""
 
 
 class Receiver(Form):
@@ -41,7 +41,14 @@ class Log(Form):
         description="true antenna position, Earth-fixed; the observation file's approximate position if absent",
         json_schema_extra={"unit": "m"},
     )
-    floor: float = quantity(1.0, "m", "pseudorange 1-sigma at every elevation", 0.01, 100.0)
+    floor: float = Field(
+        default=NOISE_FLOOR[1],
+        ge=NOISE_FLOOR[0],
+        le=NOISE_FLOOR[2],
+        title="Noise floor",
+        description="pseudorange 1-sigma at every elevation; the event log says which would fit where this does not",
+        json_schema_extra={"unit": "m", "source": "FTLab default"},
+    )
     slant: float = quantity(
         0.5, "m", "pseudorange 1-sigma at the zenith that grows with 1 / sin(elevation)", 0.0, 100.0
     )

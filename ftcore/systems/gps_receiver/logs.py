@@ -6,7 +6,8 @@ from typing import Any
 
 from ftcore.sensors import rinex
 from ftcore.sensors.rinex_text import OBSERVATION, refusal
-from ftcore.systems.gps_receiver.forms import LONGEST_LOG, Log
+from ftcore.systems.base import NOISE_FLOOR
+from ftcore.systems.gps_receiver.forms import Log
 
 
 def log_scenario(
@@ -14,6 +15,7 @@ def log_scenario(
     navigation: str,
     antenna: tuple[float, float, float] | None = None,
     max_epochs: int = rinex.MAX_EPOCHS,
+    noise_floor: float | None = None,
 ) -> dict[str, Any]:
     """Scenario document that plays a log from its first epoch to its last.
 
@@ -21,16 +23,21 @@ def log_scenario(
         observation, navigation: the files, as the scenario will name them.
         antenna: true position, Earth-fixed [m]; the file's approximate position if absent.
         max_epochs: of the longest log that is taken.
+        noise_floor: pseudorange 1-sigma that is assumed at every elevation [m]; the form's if absent.
 
     Raises:
         LogError: one sentence about the file that cannot be used.
     """
     from ftcore.systems.gps_receiver.plant import reference
 
+    least, usual, most = NOISE_FLOOR
+    floor = usual if noise_floor is None else noise_floor
+    if not least <= floor <= most:
+        raise rinex.LogError(f"a noise floor of {floor:g} m is not taken; {least:g} to {most:g} m are", "floor")
     log = rinex.read(observation, navigation)
     if len(log) > max_epochs:
         raise refusal(OBSERVATION, f"has {len(log)} epochs; at most {max_epochs} are taken")
-    form = Log(observation=observation, navigation=navigation, antenna=antenna)
+    form = Log(observation=observation, navigation=navigation, antenna=antenna, floor=floor)
     reference(log, form)
     return {
         "id": "receiver-log",
@@ -43,6 +50,6 @@ def log_scenario(
         "hint": "Press Run, then break a satellite that is in view: it must turn grey, and the error must not move.",
         "source": "a receiver's log",
         "system": "gps-receiver",
-        "duration": min(len(log) * log.interval, LONGEST_LOG),
+        "duration": len(log) * log.interval,
         "parameters": {"log": form.model_dump(mode="json", exclude_defaults=True)},
     }

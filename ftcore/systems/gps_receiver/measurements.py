@@ -25,8 +25,10 @@ Array = NDArray[np.float64]
 class Pseudoranges:
     """What the receiver measured, for the satellites that any run has.
 
-    ``columns`` (n,) of the satellites among all names; ``satellites`` (n, 3) Earth-fixed at emission [m]; ``values``
-    (runs, n) with the satellite clocks taken out [m]; ``valid`` (runs, n); ``time`` seconds of the GPS week;
+    ``columns`` (n,) of the satellites among all names; ``satellites`` (n, 3) or (runs, n, 3) Earth-fixed at
+    emission [m]; ``values``
+    (runs, n) with the satellite clocks taken out [m]; ``valid`` (runs, n); ``time`` seconds of the GPS week, or
+    (runs, 1) of them;
     ``ionosphere`` (8,) or None.
     """
 
@@ -34,7 +36,7 @@ class Pseudoranges:
     satellites: Array
     values: Array
     valid: Flags
-    time: float
+    time: float | Array
     ionosphere: Array | None
 
 

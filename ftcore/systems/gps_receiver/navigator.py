@@ -160,7 +160,7 @@ class Navigator:
             unit_n=np.where(m.valid[..., None], m.unit_n, np.nan),
             normalised=np.stack([snapshot.form.normalised, form.normalised[:, FILTER]], axis=1),
             trusted=trusted,
-            time=measured.time,
+            time=float(measured.time),
         )
         output = Output(
             *_tests(snapshot, form, verdict, agreement, columns, p_fa),

@@ -54,7 +54,7 @@ class RedundantImu:
         p: Parameters = parameters
         cluster = three_two_dof(*(math.radians(angle) for angle in p.gyros.mounting))
         believed = f16()
-        wanted = mission(believed, p.flight, duration)
+        wanted = mission(believed, p.flight)
         plant: Plant | JsbsimPlant
         law: Augmentation | StickLaw
         if p.plant == "jsbsim":

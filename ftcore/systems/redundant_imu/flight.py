@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 CHANGE = 4.0
 """Seconds in which one leg goes over into the next."""
+BLOCK = 500
+"""Epochs of a mission that are evaluated together."""
 
 STATE_SCALE = (5.0, 0.05, 0.03, 0.10, 0.05, 0.30, 0.20, 0.10, 5.0, 15.0)
 """Deviations that weigh alike: m/s, rad, rad/s, m, per cent; in the order of REGULATED."""
@@ -37,17 +39,53 @@ CONTROL_SCALE = (0.15, 0.06, 0.06, 0.06)
 _PLACE = {state: i for i, state in enumerate(REGULATED)}
 
 
-@dataclass(frozen=True, eq=False)
 class Mission:
-    """What is wanted at every epoch 0 to N: states (N + 1, 10) in the order of REGULATED, controls (N + 1, 4)."""
+    """What is wanted at every epoch: states (10,) in the order of REGULATED, controls (4,).
 
-    states: Array
-    controls: Array
+    Each leg's trim, one going smoothly over into the next; the last leg goes on for ever. Evaluated block by block.
+    """
+
+    def __init__(self, flight: Flight, points: Sequence[Trim]) -> None:
+        self._flight, self._points = flight, points
+        self._begins = np.cumsum([leg.duration for leg in flight.legs[:-1]])
+        # Memos of pure functions, the latter of two blocks and the heights gained before each.
+        self._memo: dict[int, tuple[Array, Array]] = {}
+        self._gained = {0: 0.0}
 
     def at(self, epoch: int) -> tuple[Array, Array]:
-        """Wanted states and controls; after the end those of the end."""
-        i = min(epoch, len(self.states) - 1)
-        return self.states[i], self.controls[i]
+        """Wanted states and controls."""
+        number, place = divmod(epoch, BLOCK)
+        block = self._memo.get(number)
+        if block is None:
+            for before in range(max(n for n in self._gained if n <= number), number):
+                self._evaluate(before)
+            block = self._evaluate(number)
+            self._memo = dict(list(self._memo.items())[-1:]) | {number: block}
+        return block[0][place], block[1][place]
+
+    def _evaluate(self, number: int) -> tuple[Array, Array]:
+        """States (BLOCK, 10) and controls (BLOCK, 4) of a block."""
+        first, points, chosen = number * BLOCK, self._points, list(REGULATED)
+        start = max(first - 1, 0)
+        time = EPOCH * np.arange(start, first + BLOCK + 1)
+        states, controls = points[0].x[chosen] + np.zeros((len(time), 1)), points[0].u + np.zeros((len(time), 1))
+        climb = units.to_si(self._flight.legs[0].climb_rate, "ft/s") + np.zeros(len(time))
+        changes = zip(self._begins, pairwise(self._flight.legs), pairwise(points), strict=True)
+        for begin, (leg, onwards), (before, after) in changes:
+            share = np.clip((time - begin) / CHANGE, 0.0, 1.0)
+            share = share * share * (3.0 - 2.0 * share)
+            states += share[:, None] * (after.x - before.x)[chosen]
+            controls += share[:, None] * (after.u - before.u)
+            climb += share * units.to_si(onwards.climb_rate - leg.climb_rate, "ft/s")
+        # While bank and pitch change there must be rates; height is what the climb rate adds up to.
+        for rate, angle in ((S.P, S.ROLL), (S.Q, S.PITCH)):
+            states[:, _PLACE[rate]] += np.gradient(states[:, _PLACE[angle]], EPOCH)
+        within = slice(first - start, first - start + BLOCK)
+        gains = 0.5 * EPOCH * (climb[1:] + climb[:-1])[within]
+        gained = np.cumsum(np.concatenate([[self._gained[number]], gains]))
+        states[within, _PLACE[S.UP]] = self._flight.height + gained[:-1]
+        self._gained[number + 1] = float(gained[-1])
+        return states[within], controls[within]
 
 
 def trims(aircraft: Aircraft, f: Flight, legs: Sequence[Leg] | None = None) -> list[Trim]:
@@ -59,27 +97,9 @@ def trims(aircraft: Aircraft, f: Flight, legs: Sequence[Leg] | None = None) -> l
     ]
 
 
-def mission(aircraft: Aircraft, f: Flight, duration: float) -> Mission:
-    """What is wanted over ``duration`` seconds: each leg's trim, one going smoothly over into the next."""
-    points = trims(aircraft, f)
-    epochs = math.ceil(duration / EPOCH) + 1
-    time = EPOCH * np.arange(epochs + 1)
-    chosen = list(REGULATED)
-    states, controls = points[0].x[chosen] + np.zeros((len(time), 1)), points[0].u + np.zeros((len(time), 1))
-    climb = units.to_si(f.legs[0].climb_rate, "ft/s") + np.zeros(len(time))
-    begin = 0.0
-    for (leg, onwards), (before, after) in zip(pairwise(f.legs), pairwise(points), strict=True):
-        begin += leg.duration
-        share = np.clip((time - begin) / CHANGE, 0.0, 1.0)
-        share = share * share * (3.0 - 2.0 * share)
-        states += share[:, None] * (after.x - before.x)[chosen]
-        controls += share[:, None] * (after.u - before.u)
-        climb += share * units.to_si(onwards.climb_rate - leg.climb_rate, "ft/s")
-    # While bank and pitch change there must be rates; height is what the climb rate adds up to.
-    for rate, angle in ((S.P, S.ROLL), (S.Q, S.PITCH)):
-        states[:, _PLACE[rate]] += np.gradient(states[:, _PLACE[angle]], EPOCH)
-    states[:, _PLACE[S.UP]] = f.height + np.concatenate([[0.0], np.cumsum(0.5 * EPOCH * (climb[1:] + climb[:-1]))])
-    return Mission(states, controls)
+def mission(aircraft: Aircraft, f: Flight) -> Mission:
+    """What is wanted of an aircraft. Raises ValueError for a leg that it cannot fly."""
+    return Mission(f, trims(aircraft, f))
 
 
 def augmentation(aircraft: Aircraft, f: Flight, wanted: Mission) -> Augmentation:

@@ -22,6 +22,9 @@ from ftcore.world.aircraft import S, midpoint_step
 
 Array = NDArray[np.float64]
 RATES = slice(S.P, S.R + 1)
+FASTEST = 15.0
+"""Angular rate [rad/s] at which an aircraft has broken up, some three times the fastest roll of an F-16: beyond it the
+tables of the aerodynamics mean nothing, and the equations soon overflow."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +54,12 @@ class Plant:
         return self._x0, self._u0
 
     def step(self, state: Truth, epoch: int, command: Array | None) -> tuple[Truth, Truth, Readings]:
-        """One epoch. What has reached the ground stays there."""
+        """One epoch. What has reached the ground stays there, and what breaks up where it broke."""
         u = self._u0 if command is None else command
-        grounded = state.x[..., S.UP, None] <= 0.0
-        truth = Truth(np.where(grounded, state.x, midpoint_step(self.aircraft, state.x, u, EPOCH)))
+        after = midpoint_step(self.aircraft, state.x, u, EPOCH)
+        whole = np.abs(after[..., RATES]).max(axis=-1, keepdims=True) < FASTEST
+        flies = whole & (state.x[..., S.UP, None] > 0.0)
+        truth = Truth(np.where(flies, after, state.x))
         return truth, truth, sense(self._p, self._axes, self._noise, truth.x, epoch)
 
 

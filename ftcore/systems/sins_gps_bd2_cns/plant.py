@@ -21,7 +21,8 @@ from ftcore.systems.sins_gps_bd2_cns.forms import Flight, Parameters
 from ftcore.systems.sins_gps_bd2_cns.measurements import Chart
 from ftcore.systems.sins_gps_bd2_cns.names import AXES, BODY, EPOCH
 from ftcore.world import manoeuvres
-from ftcore.world.trajectory import Segment, Straight, Trajectory, build
+from ftcore.world.path import Path
+from ftcore.world.trajectory import Segment, Straight, plan
 
 Array = NDArray[np.float64]
 
@@ -37,11 +38,8 @@ class Plant:
         self._noise = noise
         self.samples = max(1, round(p.inertial.rate * EPOCH))
         self.dt = EPOCH / self.samples
-        self.trajectory = fly(p.flight, duration, self.dt)
+        self.path = fly(p.flight, duration, self.dt)
         self.chart = datum(p.flight)
-        # At the ends of all epochs; the trajectory has its samples.
-        self._C_nb = rpy_to_matrix(self.trajectory.rpy[:: self.samples])
-        self._enu = self.chart.to_metres(self.trajectory.lla[:: self.samples])
         self._times: Array = (np.arange(self.samples, dtype=np.float64) + 0.5) * self.dt
         i = p.inertial
         self._fitted = slice(0, len(BODY)) if i.configuration == "three-axis" else slice(len(BODY), len(AXES))
@@ -71,18 +69,15 @@ class Plant:
 
     def step(self, state: None, epoch: int, command: object) -> tuple[None, Truth, Readings]:
         """One epoch: where the aircraft is at its end, and what the sensors say."""
-        t = self.trajectory
-        now = epoch * EPOCH
-        span = slice((epoch - 1) * self.samples, epoch * self.samples)
-        end = epoch * self.samples
-        rpy = t.rpy[end : end + 1]
-        truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], self._C_nb[epoch : epoch + 1], rpy)
+        t = self.path.between((epoch - 1) * self.samples, epoch * self.samples)
+        now, rpy = epoch * EPOCH, t.rpy[-1:]
+        truth = Truth(t.lla[-1:], t.v_n[-1:], rpy_to_matrix(rpy), rpy)
         times = np.add(now - EPOCH, self._times)
         gyro, accelerometer = self.clusters
-        enu = self._enu[epoch : epoch + 1]
+        enu = self.chart.to_metres(truth.lla)
         groups = {
-            "imu.gyro": self._inertial(gyro.sense(t.omega_b[None, span], epoch, times, self.dt)),
-            "imu.accelerometer": self._inertial(accelerometer.sense(t.f_b[None, span], epoch, times, self.dt)),
+            "imu.gyro": self._inertial(gyro.sense(t.omega_b[None], epoch, times, self.dt)),
+            "imu.accelerometer": self._inertial(accelerometer.sense(t.f_b[None], epoch, times, self.dt)),
             "gps.position": positioning.sense("gps", enu, self._sigma["gps"], self._noise, epoch, now),
             "bd2.position": positioning.sense("bd2", enu, self._sigma["bd2"], self._noise, epoch, now),
             "cns.attitude": star_tracker.sense(rpy, self._cns, self._noise, epoch, now),
@@ -97,7 +92,7 @@ class Plant:
 
     def alignment(self) -> InsState:
         """What the navigator is told at the start: the truth with the alignment's errors, ``(runs, ...)``."""
-        initial, t, draw = self._p.initial, self.trajectory, self._noise.normal
+        initial, t, draw = self._p.initial, self.path.between(0, 1), self._noise.normal
         r_m, r_n = earth.principal_radii(t.lla[0, 0])
         metres = initial.position * draw("initial.position", 0, (3,))
         radius = np.array([(r_n + t.lla[0, 2]) * math.cos(t.lla[0, 0]), r_m + t.lla[0, 2], 1.0])
@@ -121,7 +116,7 @@ def datum(f: Flight) -> Chart:
 
 
 @lru_cache(maxsize=4)
-def fly(f: Flight, duration: float, dt: float) -> Trajectory:
+def fly(f: Flight, duration: float, dt: float) -> Path:
     """The path of a flight, as long as the scenario: level flight follows the last segment. Kept for branches."""
     segments: Sequence[Segment] = f.segments or manoeuvres.hour(
         [(p.intensity, p.duration) for p in f.phases], f.speed, f.high_bank, f.low_bank
@@ -129,10 +124,10 @@ def fly(f: Flight, duration: float, dt: float) -> Trajectory:
     needed = math.ceil(duration / EPOCH) * EPOCH
     heading = math.radians(f.heading)
     # What comes after the end of the flight need not be built; a first guess of what is needed is put right below.
-    path = build(datum(f).datum, f.speed, heading, _until(segments, f.speed, needed), dt)
+    path = plan(datum(f).datum, f.speed, heading, _until(segments, f.speed, needed), dt)
     if path.duration < needed - 0.5 * dt:
         onwards = Straight(duration=needed - path.duration + dt)
-        path = build(datum(f).datum, f.speed, heading, [*_until(segments, f.speed, needed), onwards], dt)
+        path = plan(datum(f).datum, f.speed, heading, [*_until(segments, f.speed, needed), onwards], dt)
     return path
 
 

@@ -11,7 +11,11 @@ all of them, to what is known of the parity vector: the biases of the solution d
 
 With an instrument out, isolated or without a reading, the two that are left have one parity equation between them: they
 are watched by it, and if they disagree that is said, confirmed by the supervisor's m-of-n. Who of them it is cannot be
-told, both explain it alike, so nobody is accused and both go on: two are the least that can be solved.
+told, both explain it alike, so nobody is accused and both go on: two are the least that can be solved. If the one that
+is out has recovered, all three tell: without the new culprit they would agree. Then it comes back, and the other goes.
+
+With readings of fewer than two instruments a direction is not measured: there the last value is held, and the noise
+covariance grows by what that may miss (`HELD`).
 """
 
 from __future__ import annotations
@@ -37,17 +41,27 @@ ORDINARY = np.array([1.0, STANDARD_GRAVITY])
 """A rate and a specific force as they are flown [rad/s, m/s^2]."""
 LEAST = 1e-5
 """What counts as noise, as a part of the other errors, where the noise itself is less."""
+HELD = np.array([0.02, 1.0])
+"""1-sigma of what a held angular rate [rad/s] and specific force [m/s^2] miss, anew each second: FTLab's choice."""
 
 
 @dataclass(frozen=True)
 class ImuState:
-    """What the trusted instruments of each cluster were found to say of each other, the supervisor of the six, which
-    of them were used in the epoch before ``(runs, 2, 3)``, and what was learned of the clusters' errors (rows are runs
-    times clusters), None where there is nothing to learn in flight."""
+    """What the redundant IMU carries from one epoch to the next.
+
+    Attributes:
+        rest: supervisor of what the trusted instruments of each cluster say of each other.
+        supervisor: supervisor of the six instruments.
+        used: instruments used in the epoch before ``(runs, 2, 3)``.
+        body: mean body rates [rad/s] and forces [m/s^2] of that epoch, protected and unprotected ``(runs, 2, 2, 3)``.
+        learned: what was learned of the clusters' errors, rows are runs times clusters; None where there is nothing to
+            learn in flight.
+    """
 
     rest: supervisor.State
     supervisor: supervisor.State
     used: Flags
+    body: Array
     learned: parity_calibration.State | None
 
 
@@ -140,6 +154,7 @@ class RedundantImu:
             supervisor.start(runs, CLUSTERS),
             supervisor.start(runs, CLUSTERS * INSTRUMENTS),
             np.ones((runs, CLUSTERS, INSTRUMENTS), bool),
+            np.zeros((runs, 2, CLUSTERS, 3)),
             self._learned,
         )
 
@@ -181,11 +196,13 @@ class RedundantImu:
             driving = found[settings.imu_driving_test].alarm.reshape(runs, CLUSTERS, INSTRUMENTS)
         # Two instruments are the least that can be solved: while one is out, nobody else can be put out.
         driving = driving & (out | complete[..., None])
-        quiet = ~sight.alarm.reshape(runs, CLUSTERS)
+        # A long hold-off shall not keep out who is sound: it passes all of it with a probability of 90 % at least.
+        p_pass = min(p_fa, 0.1 / rules.hold_off)
+        back = parity.admission(sight, trusted.reshape(-1, INSTRUMENTS), alarm.reshape(-1), p_pass)
         supervision, decision = supervisor.step(
             state.supervisor,
             driving.reshape(runs, -1),
-            np.repeat(quiet, INSTRUMENTS, axis=-1),
+            back.reshape(runs, -1),
             np.ones((1, CLUSTERS * INSTRUMENTS), bool),
             rules,
         )
@@ -198,6 +215,11 @@ class RedundantImu:
         usual = np.broadcast_to(reference.bias @ cluster.V, (runs * CLUSTERS, cluster.axes)).reshape(shape)
         samples = samples - (usual * self._unit[:, None])[..., None]
         body = np.swapaxes(cluster.gains[both] @ samples[:, None], -1, -2)
+        noise = cluster.covariances[both] * np.square(self._density)[:, None, None]
+        if not cluster.observable[both].all():
+            unseen = np.eye(3) - cluster.gains[both] @ cluster.H
+            body = body + np.matvec(unseen, state.body)[..., None, :]
+            noise = noise + unseen * np.square(HELD)[:, None, None]
         change = (cluster.gains[now] - cluster.gains[before]) @ cluster.V.T
         learned = state.learned
         if learned is None or expected is None:
@@ -221,9 +243,9 @@ class RedundantImu:
             used=used,
             changed=np.asarray((now != before).any(axis=-1)),
             bias_change=change @ spread @ change.swapaxes(-1, -2) * np.square(self._unit)[:, None, None],
-            noise=cluster.covariances[both] * np.square(self._density)[:, None, None],
+            noise=noise,
         )
-        return ImuState(rest_supervision, supervision, used, learned), epoch
+        return ImuState(rest_supervision, supervision, used, body.mean(axis=-2), learned), epoch
 
 
 def _rest(sight: parity.Sight, readings: Array, trusted: Flags, complete: Flags) -> tuple[Rest, Flags]:

@@ -257,7 +257,7 @@ class Navigator:
             decision.members,
             sharing,
             settings.master,
-            sound if culprits is None else np.where(culprits.named, 0, sound),
+            sound,
             past,
         )
         detail = self._detail(readings, ins, filters, made, imu, gps, doppler, lines, judged.innovation)

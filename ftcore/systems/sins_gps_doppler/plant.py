@@ -20,7 +20,8 @@ from ftcore.systems.reporting import Truth
 from ftcore.systems.sins_gps_doppler.forms import Flight, Parameters
 from ftcore.systems.sins_gps_doppler.names import EPOCH
 from ftcore.world import constellation
-from ftcore.world.trajectory import Straight, Trajectory, build
+from ftcore.world.path import Path
+from ftcore.world.trajectory import Straight, plan
 
 Array = NDArray[np.float64]
 
@@ -40,9 +41,8 @@ class Plant:
         self._noise = noise
         self.samples = max(1, round(p.inertial.rate * EPOCH))
         self.dt = EPOCH / self.samples
-        self.trajectory = fly(p.flight, duration, self.dt)
+        self.path = fly(p.flight, duration, self.dt)
         self._times: Array = (np.arange(self.samples, dtype=np.float64) + 0.5) * self.dt
-        self._C_nb = rpy_to_matrix(self.trajectory.rpy[:: self.samples])
         i, a = p.inertial, p.aiding
         self.gyro = AxisCluster.drawn(
             "imu.gyro",
@@ -74,11 +74,9 @@ class Plant:
 
     def step(self, state: PlantState, epoch: int, command: object) -> tuple[PlantState, Truth, Readings]:
         """One epoch: where the aircraft is at its end, and what the sensors say."""
-        p, t = self._p.aiding, self.trajectory
+        p, t = self._p.aiding, self.path.between((epoch - 1) * self.samples, epoch * self.samples)
         now = epoch * EPOCH
-        span = slice((epoch - 1) * self.samples, epoch * self.samples)
-        end = epoch * self.samples
-        truth = Truth(t.lla[end : end + 1], t.v_n[end : end + 1], self._C_nb[epoch : epoch + 1], t.rpy[end : end + 1])
+        truth = Truth(t.lla[-1:], t.v_n[-1:], rpy_to_matrix(t.rpy[-1:]), t.rpy[-1:])
         times = np.add(now - EPOCH, self._times)
         clock = state.clock.step(EPOCH, p.clock_phase_noise, p.clock_frequency_noise, self._noise, epoch)
         position, velocity = constellation.satellite_states(p.constellation_time + now)
@@ -97,8 +95,8 @@ class Plant:
             now,
         )
         groups = {
-            "imu.gyro": self.gyro.sense(t.omega_b[None, span], epoch, times, self.dt),
-            "imu.accelerometer": self.accelerometer.sense(t.f_b[None, span], epoch, times, self.dt),
+            "imu.gyro": self.gyro.sense(t.omega_b[None], epoch, times, self.dt),
+            "imu.accelerometer": self.accelerometer.sense(t.f_b[None], epoch, times, self.dt),
             "gps.pseudorange": ranges,
             "gps.delta_range": rates,
             "doppler.velocity": doppler.sense(
@@ -113,7 +111,7 @@ class Plant:
 
     def alignment(self) -> InsState:
         """What the navigator is told at the start: the truth with the alignment's errors, ``(runs, ...)``."""
-        initial, t, draw = self._p.initial, self.trajectory, self._noise.normal
+        initial, t, draw = self._p.initial, self.path.between(0, 1), self._noise.normal
         meridian, normal = earth.principal_radii(t.lla[0, 0])
         metres = initial.position * draw("initial.position", 0, (3,))
         scale = np.array([normal + t.lla[0, 2], meridian + t.lla[0, 2], 1.0])
@@ -121,7 +119,7 @@ class Plant:
         lla = t.lla[0] + np.stack([north, east / math.cos(t.lla[0, 0]), up], axis=-1)
         v_n = t.v_n[0] + initial.velocity * draw("initial.velocity", 0, (3,))
         tilt = np.array([initial.tilt, initial.tilt, initial.azimuth]) * draw("initial.attitude", 0, (3,))
-        return InsState(lla, v_n, rotvec_to_matrix(tilt) @ self._C_nb[0])
+        return InsState(lla, v_n, rotvec_to_matrix(tilt) @ rpy_to_matrix(t.rpy[:1])[0])
 
     def calibration(self) -> tuple[Array, Array]:
         """Mean readings of all axes over a standstill before the flight, gyros and accelerometers, ``(runs, k)``."""
@@ -131,14 +129,14 @@ class Plant:
 
 
 @lru_cache(maxsize=8)
-def fly(f: Flight, duration: float, dt: float) -> Trajectory:
+def fly(f: Flight, duration: float, dt: float) -> Path:
     """The path of a flight, as long as the scenario: level flight follows the last segment. Kept for branches."""
     lla = np.array([math.radians(f.latitude), math.radians(f.longitude), f.height])
     heading = math.radians(f.heading)
     needed = math.ceil(duration / EPOCH) * EPOCH
     segments = list(f.segments)
-    path = build(lla, f.speed, heading, segments, dt)
+    path = plan(lla, f.speed, heading, segments, dt)
     if path.duration < needed - 0.5 * dt:
         onwards = Straight(duration=needed - path.duration + dt)
-        path = build(lla, f.speed, heading, [*segments, onwards], dt)
+        path = plan(lla, f.speed, heading, [*segments, onwards], dt)
     return path

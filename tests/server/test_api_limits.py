@@ -1,0 +1,85 @@
+"""What a hostile client can send: it is refused in few words, and never a defect."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+import toy_system as toy
+from fastapi.testclient import TestClient
+from rest_lab import API, Flight, client_of
+
+from server.limits import SMALL_BODY
+from server.problems import MOST_ERRORS
+from server.registry import MOST_FIELDS
+from server.settings import Settings
+
+FAULT = {"channel": "ruler.position.x", "kind": "bias", "magnitude": 1.0}
+MANY = {f"k{i}": i for i in range(100_000)}
+
+
+def sent(client: TestClient, method: str, path: str, body: Any) -> Any:
+    content, kind = json.dumps(body), {"content-type": "application/json"}
+    return client.request(method, path, content=content, headers=kind)
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        MANY,
+        toy.scenario(parameters=MANY),
+        toy.scenario(commands=[{"action": "configure", "time": 0.0, "settings": MANY}]),
+        toy.scenario(commands=[{"action": "inject", "time": 0.0, "fault": FAULT | MANY}]),
+        toy.scenario(commands=[{"action": "clear", "time": -1.0, "more": 1}] * 20_000),
+        toy.scenario(commands=[{}] * 300_000),
+        toy.scenario(faults=[{}] * 300_000),
+        toy.scenario(faults=[FAULT | {"magnitude": None}] * 200),
+        toy.scenario(**{f"k{i}": i for i in range(MOST_FIELDS - 10)}),
+    ],
+)
+def test_a_document_that_is_wrong_in_a_hundred_thousand_places_is_refused_in_few_words(
+    client: TestClient, scenario: Any
+) -> None:
+    refused = sent(client, "POST", f"{API}/experiments", {"scenario": scenario})
+    assert refused.status_code in (409, 422)
+    assert 1 <= len(refused.json()["errors"]) <= MOST_ERRORS
+    assert len(refused.content) < 20_000
+
+
+@pytest.mark.parametrize(
+    ("method", "what"),
+    [("POST", "/faults"), ("PATCH", "/settings"), ("POST", "/advance"), ("PATCH", "/clock"), ("PUT", "/cursor")],
+)
+def test_a_command_says_what_it_says_in_few_bytes(flight: Flight, method: str, what: str) -> None:
+    assert sent(flight.client, method, f"{flight.path}{what}", MANY).status_code == 413
+    refused = sent(flight.client, method, f"{flight.path}{what}", {f"k{i}": i for i in range(4000)})
+    assert refused.status_code in (409, 422)
+    assert 1 <= len(refused.json()["errors"]) <= MOST_ERRORS
+    assert len(refused.content) < 100_000
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/static/%00", "/static/" + "a" * 5000, "/static/" + "a/" * 2000, "/static/..%2f..%2fetc%2fpasswd", "/static/",
+     "/static/%2e%2e/README.md", "/static//etc/passwd", "/docs/%00", "/experiments/%00/scene/",
+     f"{API}/scenarios/%00", f"{API}/scenarios/%2e%2e", f"{API}/systems/%ff", f"{API}/experiments/%0d%0ax:y"],
+)  # fmt: skip
+def test_a_name_that_nothing_can_have_is_not_found(client: TestClient, path: str) -> None:
+    answer = client.get(path)
+    assert answer.status_code == 404
+    assert len(answer.content) < 20_000
+
+
+@pytest.mark.parametrize("body", ["a=1&" * 15_000, "token=" + "x" * 60_000, "token=%ff%00", "", "=" * 9])
+def test_a_login_form_is_small(body: str) -> None:
+    with client_of(Settings(token="secret")) as client:
+        answer = client.post("/login", content=body, headers={"content-type": "application/x-www-form-urlencoded"})
+        assert answer.status_code == 401
+        assert client.post("/login", content="x" * (SMALL_BODY + 1)).status_code == 413
+
+
+@pytest.mark.parametrize("history", ["9" * 6000, "-1", "1.5", "\u0663", "\u00b2", "x", ""])
+def test_a_history_that_is_no_count_is_none(flight: Flight, history: str) -> None:
+    with flight.client.websocket_connect(f"{flight.stream}?history={history}") as socket:
+        assert socket.receive_json()["type"] == "hello"

@@ -7,13 +7,14 @@ BIN := $(VENV)/bin
 # Small matrices: more BLAS threads only get in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help run test test-all bench lint types browser setup setup-dev clean
+.PHONY: help run test test-all bench probabilities lint types browser setup setup-dev clean
 
 help:
 	@echo "make run        serve the lab on http://127.0.0.1:$(PORT) (PORT=8001 changes it)"
 	@echo "make test       lint, types, floors of the house, all tests (installs what is needed, browser included)"
 	@echo "make test-all   the same with the long statistics"
 	@echo "make bench      the benchmark table"
+	@echo "make probabilities   the table of stated and measured false-alarm probabilities"
 
 $(VENV)/.run: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(None if (3, 11) <= sys.version_info < (3, 15) else "FTLab needs Python 3.11 to 3.14 (numpy has no wheels for others yet), this is " + sys.version.split()[0] + "; make PYTHON=python3.13 takes another")'
@@ -63,6 +64,9 @@ test-all: setup-dev browser lint types
 
 bench: setup-dev
 	$(BIN)/python -m tests.bench
+
+probabilities: setup-dev
+	@$(BIN)/python -m tests.papers.probabilities
 
 clean:
 	rm -rf $(VENV) build *.egg-info

@@ -93,15 +93,12 @@ export function testLabel(name, description) {
 }
 
 /**
- * Channels of what the scene does not show now, such as a satellite below the horizon; none while it shows nothing yet.
- * @param {SystemDescription | null} description
- * @param {View | null} view
+ * Channels that had no reading in the last epoch, such as a satellite below the horizon.
+ * @param {Experiment | null} experiment
  * @returns {Set<string>}
  */
-export function unseen(description, view) {
-  const items = (description?.scene ?? []).filter((item) => item.channel && view?.items?.[item.id]);
-  const away = items.filter((item) => !view?.items[item.id].visible);
-  return new Set(away.length === items.length ? [] : away.map((item) => String(item.channel)));
+export function unseen(experiment) {
+  return new Set(experiment?.not_in_view ?? []);
 }
 
 /**
@@ -139,6 +136,10 @@ export function sentence(event, description) {
       return `Fault begins: ${faultText(detail, description)}`;
     case 'fault.ended':
       return `Fault ends: ${faultText(detail, description)}`;
+    case 'fault.acted':
+      return `Fault acts: ${faultText(detail, description)}`;
+    case 'fault.silent':
+      return `Fault never acted: ${faultText(detail, description)}`;
     case 'fault.changed':
       return `Changed to ${faultText(detail, description)}`;
     case 'fault.cleared':
@@ -166,6 +167,7 @@ export function sentence(event, description) {
 /** The numbers that caused it. @param {Event} event @param {SystemDescription | null} description @returns {string} */
 export function reason(event, description) {
   const { kind, detail } = event;
+  if (kind === 'fault.silent') return String(detail.because ?? '');
   if (kind.startsWith('fault.') || kind === 'settings.changed' || kind === 'subsystem.switched') return '';
   if (typeof detail.text === 'string') return '';  // its numbers are in the sentence
   if (Array.isArray(detail.alarms)) {

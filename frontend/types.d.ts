@@ -8,7 +8,7 @@ export interface Channel {
   faults: Record<string, KindInfo>;
 }
 export interface Subsystem { name: string; label: string; isolable: boolean }
-export interface Test { name: string; label: string; subjects: string[]; dof: string; source: string; unit: string; alarm_when: "above" | "below" }
+export interface Test { name: string; label: string; subjects: string[]; dof: string; source: string; unit: string; alarm_when: "above" | "below"; probability: "exact" | "bounded" | "approximate"; probability_note: string }
 export interface Signal { name: string; label: string; unit: string; group: string; factor: number }
 export type Role = "protected" | "local" | "unprotected" | "statistic" | "threshold" | "component" | "weight";
 export interface Trace {
@@ -45,13 +45,13 @@ export interface Scenario { id: string; title: string; summary: string; hint: st
 export interface Clock { state: "paused" | "running" | "advancing" | "finished" | "failed"; time: number; epoch: number; period: number; speed: number | "max"; duration: number; reason?: string | null }
 export interface Fault {
   id: string; channel: string; kind: string; magnitude: number; unit: string | null; start: number; end: number | null;
-  state: "armed" | "active" | "ended";
+  state: "armed" | "active" | "ended"; acting: boolean; acted_epochs: number; silent_because: string | null;
 }
 export interface SubsystemState { enabled: boolean; used: boolean; health: Health }
 export interface Experiment {
   id: string; title: string; system: string; seed: number; scenario: { id: string; title: string; hint: string };
   clock: Clock; faults: Fault[]; subsystems: Record<string, SubsystemState>; settings: Record<string, unknown>;
-  unavailable: Record<string, string>;
+  unavailable: Record<string, string>; not_in_view: string[]; idle_settings: Record<string, string>;
   parent: string | null; ghost_of: string | null; watchers: number; spare: boolean;
 }
 export interface Event { index: number; time: number; run: number; kind: string; subject: string; detail: Record<string, any> }

@@ -13,9 +13,9 @@ Signs. Error = indicated - true.
 """
 
 from ftcore import catalogue
-from ftcore.commands import CommandError
+from ftcore.commands import CommandError, FlightError
 from ftcore.faults import Fault
 from ftcore.scenario import Scenario
 from ftcore.simulation import Simulation
 
-__all__ = ["CommandError", "Fault", "Scenario", "Simulation", "catalogue"]
+__all__ = ["CommandError", "Fault", "FlightError", "Scenario", "Simulation", "catalogue"]

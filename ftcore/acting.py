@@ -7,13 +7,14 @@ is switched off, or whose reading the navigator leaves out unseen, does not act.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ftcore.commands import Operator
+from ftcore.commands import LiveFault, Operator
 from ftcore.faults import Acted, ChannelAddress, Fault
-from ftcore.injection import Effect
+from ftcore.injection import Effect, not_in_view
+from ftcore.readings import Readings
 from ftcore.systems.base import Output
 
 
@@ -67,6 +68,59 @@ def follow(
         if not now[0] and because is not None:
             silent[id] = because
     return Deeds(acted, silent)
+
+
+def standing(
+    fault: LiveFault,
+    deeds: Deeds,
+    enabled: Mapping[str, bool],
+    channels: Mapping[str, ChannelAddress],
+    seen: Readings | None,
+    runs: int,
+) -> LiveFault:
+    """The fault with what it does in run 0, and why it is silent if it is.
+
+    Args:
+        fault: as :func:`ftcore.commands.live` says it.
+        deeds: of all faults.
+        enabled: subsystem -> switched on.
+        channels: addresses by channel name.
+        seen: clean readings of the last epoch, of the first one before it is flown; None where they are not known.
+        runs: how many there are.
+    """
+    acted = deeds.of(fault.fault, runs)
+    epochs = int(acted.epochs[0])
+    if fault.state == "active" and acted.now[0]:
+        return replace(fault, acting=True, acted_epochs=epochs)
+    return replace(fault, acted_epochs=epochs, silent_because=_why(fault, deeds, enabled, channels, seen, epochs))
+
+
+def _why(
+    live: LiveFault,
+    deeds: Deeds,
+    enabled: Mapping[str, bool],
+    channels: Mapping[str, ChannelAddress],
+    seen: Readings | None,
+    epochs: int,
+) -> str:
+    """Why a fault is not acting, one clause."""
+    fault, id = live.fault, str(live.fault.id)
+    known = deeds.silent.get(id)
+    if live.state == "armed":
+        return f"armed; starts at {fault.start:g} s"
+    if live.state == "ended":
+        if epochs:
+            return f"ended at {fault.end:g} s"
+        return f"ended at {fault.end:g} s, never having acted: {known or 'no reading came while it lasted'}"
+    address = channels[fault.channel]
+    off = switched_off(address.sensor, enabled)
+    if off is not None:
+        return f"{off} is switched off"
+    if known is not None:
+        return known
+    if seen is not None and not seen[address.group].valid[0, list(address.parts)].any():
+        return not_in_view(fault.channel)
+    return "no reading has come since it was laid; the next epoch brings one"
 
 
 def switched_off(sensor: str, enabled: Mapping[str, bool]) -> str | None:

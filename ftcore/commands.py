@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from ftcore.faults import KINDS, ChannelAddress, Fault, FaultError, check
+from ftcore.faults import KINDS, ChannelAddress, Fault, FaultError, check, unused
 from ftcore.scenario import MAX_FAULTS
 from ftcore.systems.base import Controls, Form
 
@@ -27,13 +27,42 @@ class CommandError(ValueError):
         self.field = field
 
 
+class FlightError(RuntimeError):
+    """FTLab failed in an epoch, which is a defect of FTLab and of no command. The flight stands as it was before.
+
+    Attributes:
+        time: of the last epoch that was flown [s].
+        reason: what went wrong, for the record.
+    """
+
+    def __init__(self, time: float, error: Exception) -> None:
+        self.time = time
+        self.reason = f"{type(error).__name__}: {error}".splitlines()[0][:300]
+        super().__init__(
+            f"FTLab failed in the epoch after {time:g} s ({self.reason}); this is a defect of FTLab. The flight is "
+            f"kept up to {time:g} s: look at it, rewind it, or fork from before"
+        )
+
+
 @dataclass(frozen=True)
 class LiveFault:
-    """A fault as the operator sees it."""
+    """A fault as the operator sees it; what it does is of run 0.
+
+    Attributes:
+        fault: what was laid where.
+        unit: of its magnitude, as a person reads it.
+        state: whether its time has come, and gone.
+        acting: whether it changed what the navigator was given in the last epoch.
+        acted_epochs: in how many epochs it has done so.
+        silent_because: one clause that says why it is not acting; None while it is.
+    """
 
     fault: Fault
     unit: str | None
     state: Literal["armed", "active", "ended"]
+    acting: bool = False
+    acted_epochs: int = 0
+    silent_because: str | None = None
 
 
 @dataclass(frozen=True)
@@ -97,6 +126,7 @@ def inject(
     while fault.id is None and f"f{number}" in taken:
         number += 1
     start = now if fault.start is None else fault.start
+    _refuse_past(start, now, "leave start out to begin now, or rewind")
     if fault.end is not None and fault.end <= start:
         raise CommandError("end", f"end is {fault.end:g} s, which is not after the start at {start:g} s")
     injected = fault.model_copy(update={"id": fault.id or f"f{number}", "start": start})
@@ -120,12 +150,36 @@ def change(
         raise CommandError("id", "a fault keeps its id; leave it out")
     if fields.get("start", old.start) is None:
         raise CommandError("start", "start of a fault that is there cannot be none; give a time in seconds")
+    kind = fields.get("kind", old.kind)
+    if kind in KINDS:
+        for name in fields:
+            if not KINDS[kind].uses(name):
+                raise CommandError(name, unused(kind, name))
+    kept = {name: value for name, value in old.model_dump().items() if kind not in KINDS or KINDS[kind].uses(name)}
     try:
-        new = Fault.model_validate(old.model_dump() | dict(fields))
+        new = Fault.model_validate(kept | dict(fields))
     except ValidationError as error:
         raise refusal(error, "end") from None
+    if new.start != old.start:
+        assert old.start is not None
+        if live(old, now, channels).state == "active":
+            raise CommandError(
+                "start", f"fault {fault_id!r} has started at {old.start:g} s; clear it and inject another one"
+            )
+        assert new.start is not None
+        _refuse_past(new.start, now, "give a later one, or rewind")
+    if new.end is not None and new.end != old.end and new.end <= now + 1e-9:
+        raise CommandError(
+            "end", f"end is {new.end:g} s, but the flight is at {now:g} s; clear the fault to end it now"
+        )
     _checked(new, channels, absent)
     return replace(operator, faults=tuple(new if f.id == fault_id else f for f in operator.faults)), new
+
+
+def _refuse_past(start: float, now: float, instead: str) -> None:
+    """Refuse a start [s] that the flight has passed."""
+    if start < now - 1e-9:
+        raise CommandError("start", f"start is {start:g} s, but the flight is at {now:g} s; {instead}")
 
 
 def _checked(fault: Fault, channels: Channels, absent: Mapping[str, str]) -> None:

@@ -45,6 +45,10 @@ class Subsystem(Described):
     isolable: bool = True
 
 
+Probability = Literal["exact", "bounded", "approximate"]
+"""What a test's false-alarm probability is: the stated one, no more than it, or near it as far as a model holds."""
+
+
 class Test(Described):
     """One kind of test and the subjects it looks at."""
 
@@ -56,6 +60,8 @@ class Test(Described):
     may_drive: bool = True
     unit: str = "1"
     alarm_when: Literal["above", "below"] = "above"
+    probability: Probability = Field(description="what its false-alarm probability is, for a subject as a whole")
+    probability_note: str = Field(default="", description="how far it is off, and why; docs/probabilities.md measures")
     baseline: bool = Field(
         default=False,
         description="of an estimator shown for comparison only: what it notices is not found by the system",
@@ -65,6 +71,23 @@ class Test(Described):
         description="sensors that the subject is tested against: a fault of theirs enters the statistic, so that an "
         "alarm is no false one, yet nothing is wrong with the subject",
     )
+
+    @model_validator(mode="after")
+    def _says_how_far(self) -> Self:
+        if self.probability == "approximate" and not self.probability_note:
+            raise ValueError(f"test {self.name}: an approximate probability says how far it is off")
+        return self
+
+    def whole_of(self, subject: str) -> str | None:
+        """The subject of this test that another one is a part of (a gyro of all gyros); None for a whole."""
+        wholes = (s for s in self.subjects if subject.startswith(s + "."))
+        return next(wholes, None)
+
+    def probability_of(self, subject: str) -> Probability:
+        """What the false-alarm probability of one subject is. A part alarms only where the whole does: bounded."""
+        if self.whole_of(subject) is not None and self.probability == "exact":
+            return "bounded"
+        return self.probability
 
 
 class Signal(Described):
@@ -260,6 +283,17 @@ class SystemDescription(Described):
         "long alarms and isolations that it explains are not counted as false",
         json_schema_extra={"unit": "s"},
     )
+
+
+def with_probabilities(charts: tuple[Chart, ...], tests: tuple[Test, ...]) -> tuple[Chart, ...]:
+    """The charts, with what each test's probability is in the label of its threshold."""
+    kinds = {f"test.{t.name}.{s}.threshold": t.probability_of(s) for t in tests for s in t.subjects}
+
+    def labelled(trace: Trace) -> Trace:
+        kind = kinds.get(trace.signal)
+        return trace if kind is None else trace.model_copy(update={"label": f"{trace.label} ({kind})"})
+
+    return tuple(c.model_copy(update={"traces": tuple(labelled(t) for t in c.traces)}) for c in charts)
 
 
 class BlockView(Described):

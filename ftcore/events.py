@@ -20,6 +20,8 @@ KINDS = (
     "fault.ended",
     "fault.changed",
     "fault.cleared",
+    "fault.acted",
+    "fault.silent",
     "test.alarmed",
     "test.cleared",
     "subsystem.suspected",

@@ -7,11 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from ftcore import units
 from ftcore.identifiers import Id
@@ -22,6 +28,20 @@ Kind = Literal["bias", "ramp", "sine", "scale-factor", "noise", "stuck", "dropou
 
 MAX_DELAY = 10.0
 """Longest delay fault [s]; readings this old are kept."""
+
+
+LARGEST = {
+    "length": 1e7,
+    "speed": 1e5,
+    "acceleration": 500.0,
+    "angle": 10.0,
+    "angular rate": 20.0,
+    "ratio": 1e3,
+    "time": MAX_DELAY,
+}
+"""Largest magnitude by dimension [SI], as much as an aircraft's instruments say or more; time: of a delay."""
+RANGE = {"length": 1e8, "speed": 1e5, "acceleration": 500.0, "angle": 10.0, "angular rate": 20.0}
+"""Largest number that an instrument says, by dimension [SI]; outside of its range it gives no reading."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +60,12 @@ class KindInfo:
     per: str = ""
     parameters: tuple[str, ...] = ()
 
+    def uses(self, name: str) -> bool:
+        """Whether a field of :class:`Fault` means anything to this kind."""
+        if name in ("magnitude", "unit"):
+            return self.base is not None
+        return name not in OPTIONAL or name in self.parameters
+
     def base_unit(self, channel_unit: str) -> str | None:
         """Unit symbol known to :mod:`ftcore.units`, without the suffix."""
         return channel_unit if self.base == "channel" else self.base
@@ -49,6 +75,9 @@ class KindInfo:
         base = self.base_unit(channel_unit)
         return None if base is None else base + self.per
 
+
+OPTIONAL = ("angular_frequency", "rate")
+"""Fields of a fault that only some kinds use, besides the magnitude and its unit."""
 
 KINDS: dict[Kind, KindInfo] = {
     "bias": KindInfo("bias", "a constant is added", "channel"),
@@ -71,6 +100,14 @@ ADDITIVE: tuple[Kind, ...] = ("bias", "ramp", "sine", "noise", "outliers", "rand
 ALL_KINDS: tuple[Kind, ...] = tuple(KINDS)
 
 
+def unused(kind: Kind, name: str) -> str:
+    """What to say of a field that a kind has no use for."""
+    if name == "unit":
+        return f"a {kind} fault has no magnitude, so it takes no unit; leave it out"
+    more = [field for field in ("magnitude", *OPTIONAL) if KINDS[kind].uses(field)]
+    return f"a {kind} fault has no {name}; leave it out" + (f": it takes {', '.join(more)}" if more else "")
+
+
 class FaultError(ValueError):
     """A fault that cannot be laid on its channel; ``field`` says which part of it is wrong."""
 
@@ -79,10 +116,22 @@ class FaultError(ValueError):
         self.field = field
 
 
+ANGULAR_FREQUENCY = 0.05
+"""Of a sine, by default [rad/s]."""
+RATE = 0.1
+"""Of outliers, by default: probability of a spike in each sample."""
+
+
+def _none(value: float | str | None) -> bool:
+    """Whether a document need not say it: no magnitude, no unit of its own."""
+    return not value
+
+
 class Fault(BaseModel):
     """One fault: what, where, how large, from when to when.
 
-    ``magnitude`` is in ``unit``, by default the channel's; what that means for each kind is in :data:`KINDS`.
+    ``magnitude`` is in ``unit``, by default the channel's; what that means for each kind is in :data:`KINDS`. Documents
+    leave out what is as by default, and so whatever a kind has no use for.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -90,8 +139,12 @@ class Fault(BaseModel):
     id: Id | None = Field(default=None, description="given by the simulation if absent")
     channel: str = Field(description="<sensor>.<quantity>.<part>", max_length=80)
     kind: Kind
-    magnitude: float = Field(default=0.0, ge=-1e9, le=1e9, description="in the unit of the kind and channel")
-    unit: str | None = Field(default=None, max_length=20, description="unit of magnitude; the channel's if absent")
+    magnitude: float = Field(
+        default=0.0, ge=-1e9, le=1e9, exclude_if=_none, description="in the unit of the kind and channel"
+    )
+    unit: str | None = Field(
+        default=None, max_length=20, exclude_if=_none, description="unit of magnitude; the channel's if absent"
+    )
     start: float | None = Field(
         default=None, ge=0.0, le=1e7, description="onset; now if absent", json_schema_extra={"unit": "s"}
     )
@@ -99,12 +152,18 @@ class Fault(BaseModel):
         default=None, ge=0.0, le=1e7, description="never if absent", json_schema_extra={"unit": "s"}
     )
     angular_frequency: float = Field(
-        default=0.05, gt=0.0, le=1e3, description="of a sine", json_schema_extra={"unit": "rad/s"}
+        default=ANGULAR_FREQUENCY,
+        gt=0.0,
+        le=1e3,
+        exclude_if=lambda value: value == ANGULAR_FREQUENCY,
+        description="of a sine",
+        json_schema_extra={"unit": "rad/s"},
     )
     rate: float = Field(
-        default=0.1,
+        default=RATE,
         gt=0.0,
         le=1.0,
+        exclude_if=lambda value: value == RATE,
         description="probability of a spike in each sample",
         json_schema_extra={"unit": "1"},
     )
@@ -114,6 +173,29 @@ class Fault(BaseModel):
         if self.end is not None and self.end <= (self.start or 0.0):
             raise ValueError(f"end is {self.end} s, which is not after the start at {self.start or 0.0} s")
         return self
+
+    defaults_say_nothing: ClassVar[bool] = True
+    """Whether a field that its kind has no use for may be given as it is by default; older documents have them all."""
+
+    @model_validator(mode="after")
+    def _has_no_field_that_its_kind_ignores(self) -> Fault:
+        for name in self.ignored:
+            value = getattr(self, name)
+            if not self.defaults_say_nothing or value != type(self).model_fields[name].default:
+                why = {"error": ValueError(unused(self.kind, name))}
+                raise ValidationError.from_exception_data(
+                    type(self).__name__, [{"type": "value_error", "loc": (name,), "input": value, "ctx": why}]
+                )
+        return self
+
+    @property
+    def ignored(self) -> list[str]:
+        """Fields that were given, though this kind has no use for them."""
+        return [name for name in type(self).model_fields if name in self.model_fields_set and not self.uses(name)]
+
+    def uses(self, name: str) -> bool:
+        """Whether a field means anything to this fault's kind."""
+        return KINDS[self.kind].uses(name)
 
     def active(self, time: float) -> bool:
         """Whether the fault is live at ``time`` [s]."""
@@ -149,19 +231,33 @@ def check(fault: Fault, channels: Mapping[str, ChannelAddress]) -> None:
     info = KINDS[fault.kind]
     base = info.base_unit(channel.unit)
     if fault.unit is not None:
-        if base is None:
-            raise FaultError("unit", f"a {fault.kind} fault has no magnitude, so it takes no unit")
-        fitting = [unit + info.per for unit in units.compatible(base)]
+        fitting = [unit + info.per for unit in units.compatible(str(base))]
         if fault.unit not in fitting:
             raise FaultError("unit", f"unit {fault.unit!r} does not fit here; one of {', '.join(fitting)} would")
     if base is not None and fault.magnitude == 0.0:
         raise FaultError("magnitude", f"a {fault.kind} fault of magnitude 0 changes nothing; give its size")
     if fault.kind in ("noise", "random-walk", "delay") and fault.magnitude < 0.0:
         raise FaultError("magnitude", f"a {fault.kind} fault needs a positive magnitude, not {fault.magnitude:g}")
-    if fault.kind == "delay" and si_magnitude(fault, channel.unit) > MAX_DELAY:
-        raise FaultError(
-            "magnitude", f"a delay may be at most {MAX_DELAY:g} s, not {fault.magnitude:g} {fault.unit or 's'}"
-        )
+    most = largest(fault.kind, channel.unit, fault.unit)
+    if most is not None and abs(fault.magnitude) > most * (1.0 + 1e-9):
+        unit = fault.unit or info.unit(channel.unit)
+        what = "delay" if fault.kind == "delay" else f"{fault.kind} here"
+        raise FaultError("magnitude", f"a {what} may be at most {most:.6g} {unit}, not {fault.magnitude:g} {unit}")
+
+
+def largest(kind: Kind, channel_unit: str, unit: str | None = None) -> float | None:
+    """Largest magnitude of a kind on a channel, in ``unit`` or in the channel's; None where there is no magnitude."""
+    info = KINDS[kind]
+    base = info.base_unit(channel_unit)
+    if base is None:
+        return None
+    return units.from_si(LARGEST[units.dimension(base)], base if unit is None else unit.removesuffix(info.per))
+
+
+def in_range(values: Array, channel_unit: str) -> NDArray[np.bool_]:
+    """Which numbers [SI] an instrument can say at all; see :data:`RANGE`."""
+    within: NDArray[np.bool_] = np.abs(values) <= RANGE.get(units.dimension(channel_unit), np.inf)
+    return within
 
 
 def si_magnitude(fault: Fault, channel_unit: str) -> float:
@@ -225,6 +321,7 @@ def form_schema(kinds: Iterable[str], channel_unit: str) -> dict[str, Any]:
             "label": info.label,
             "sentence": info.sentence,
             "unit": info.unit(channel_unit),
+            "largest": largest(kind, channel_unit),  # type: ignore[arg-type]
             "parameters": list(info.parameters),
         }
     return schema

@@ -4,8 +4,9 @@ Faults add up and can each be cleared. For one channel with several live faults 
 
     dropout( stuck( (1 + scale) * delayed(reading) + bias + ramp + sine + noise + outliers + random walk ) )
 
-``reading`` is always the clean sensor's, so clearing a fault restores it exactly. Whatever is random in a fault is
-addressed by the fault's id (see :mod:`ftcore.noise`), so no other channel's noise moves.
+What lies outside of an instrument's range is no reading. ``reading`` is always the clean sensor's, so clearing a fault
+restores it exactly. Whatever is random in a fault is addressed by the fault's id (see :mod:`ftcore.noise`), so no other
+channel's noise moves.
 
 A fault *acts* in an epoch if the readings would have been others, by a bit at least, without it. Two that do the same
 are not both idle: of several dropouts the first one acts, of several stuck faults the last one.
@@ -20,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.faults import MAX_DELAY, ChannelAddress, Fault, si_magnitude
+from ftcore.faults import MAX_DELAY, ChannelAddress, Fault, in_range, si_magnitude
 from ftcore.noise import NoiseSource
 from ftcore.readings import Group, Readings
 
@@ -99,11 +100,17 @@ def apply(
             _work(fault, address, memory, history, group, noise, epoch, period, held, wandered)
             for fault, address in members
         ]
-        groups[name] = laid = _laid(group, works)
+        unit = members[0][1].unit
+        groups[name] = laid = _laid(group, works, unit)
         for i, work in enumerate(works):
-            changed = _changed(laid, _laid(group, _without(works, i)), work.columns)
+            changed = _changed(laid, _laid(group, _without(works, i), unit), work.columns)
             effects[str(work.fault.id)] = Effect(changed, None if changed[0].any() else _why(works, i, group))
     return FaultMemory(history, held, wandered), Readings(clean.time, groups, clean.aiding), effects
+
+
+def not_in_view(channel: str) -> str:
+    """What to say of a channel that has no reading."""
+    return f"{channel} is not in view: there is no reading of it"
 
 
 def live_at(fault: Fault, times: Array) -> Flags:
@@ -191,8 +198,8 @@ def _work(
     return _Work(fault, columns, live, added=added)
 
 
-def _laid(group: Group, works: Sequence[_Work]) -> Group:
-    """The group with these faults over it; the group itself if there are none."""
+def _laid(group: Group, works: Sequence[_Work], unit: str) -> Group:
+    """The group, whose channels are in ``unit``, with these faults over it; the group itself if there are none."""
     if not works:
         return group
     sampled = group.values.ndim == 3
@@ -213,6 +220,10 @@ def _laid(group: Group, works: Sequence[_Work]) -> Group:
     for work in works:
         if work.held is not None:
             reading[:, work.columns] = np.where(work.live, work.held, reading[:, work.columns])
+    sayable = np.asarray(in_range(reading, unit).all(axis=-1))
+    if not sayable.all():
+        valid = valid & sayable
+        reading = np.where(sayable[..., None], reading, 0.0)
     return Group(reading if sampled else reading[..., 0], valid, group.times)
 
 
@@ -242,7 +253,7 @@ def _why(works: Sequence[_Work], i: int, group: Group) -> str:
     work, fault = works[i], works[i].fault
     columns = set(work.columns)
     if not group.valid[0, work.columns].any():
-        return f"{fault.channel} is not in view: there is no reading of it"
+        return not_in_view(fault.channel)
     for k, other in enumerate(works):
         if k != i and columns <= set(other.columns):
             if other.drops:

@@ -131,6 +131,13 @@ class Scenario(Strict):
                 check(fault, channels)
             except FaultError as error:
                 raise ValueError(f"faults[{i}].{error.field}: {error}") from None
+        for i, command in enumerate(self.commands):
+            if isinstance(command, Inject):
+                try:
+                    check(command.fault, channels)
+                    _not_before(command)
+                except FaultError as error:
+                    raise ValueError(f"commands[{i}].fault.{error.field}: {error}") from None
         names = [s.name for s in description.subsystems]
         for name in self.subsystems:
             if name not in names:
@@ -162,6 +169,16 @@ class Scenario(Strict):
                 f"no scenario {str(id_or_path)!r}: not a file, and the ready ones are {', '.join(ready_ids())}"
             )
         return cls.model_validate(json.loads(path.read_text("utf-8")))
+
+
+def _not_before(command: Inject) -> None:
+    """Refuse a scripted fault that starts before it is injected. Raises FaultError."""
+    start = command.fault.start
+    if start is not None and start < command.time - 1e-9:
+        raise FaultError(
+            "start",
+            f"start is {start:g} s, but the command is given at {command.time:g} s; leave start out to begin then",
+        )
 
 
 def ready_ids() -> list[str]:

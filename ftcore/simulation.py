@@ -18,20 +18,22 @@ from numpy.typing import NDArray
 
 from ftcore import commands as desk
 from ftcore import recording as table
-from ftcore.acting import Deeds, follow
-from ftcore.commands import CommandError, LiveFault, Operator
+from ftcore.acting import Deeds, follow, standing
+from ftcore.commands import CommandError, FlightError, LiveFault, Operator
 from ftcore.description import Signal, SystemDescription, View
 from ftcore.events import Event, edges, fault_detail
 from ftcore.faults import Acted, Fault
 from ftcore.injection import FaultMemory, apply
 from ftcore.noise import NoiseSource
+from ftcore.prospects import Outlook, refuse_idle
+from ftcore.readings import Readings
 from ftcore.recording import Recording
 from ftcore.scenario import Change, Clear, Command, Configure, Inject, Scenario, Switch
 from ftcore.score import Score, compute
 from ftcore.systems.base import HEALTH, Flags, Output, addresses
 from ftcore.threads import one_blas_thread
 
-__all__ = ["CommandError", "LiveFault", "Simulation", "SubsystemState"]
+__all__ = ["CommandError", "FlightError", "LiveFault", "Simulation", "SubsystemState"]
 
 Array = NDArray[np.float64]
 
@@ -126,6 +128,7 @@ class Simulation:
             np.ones((runs, subjects), bool),
         )
         self._recording = Recording(self.description.signals, runs, self.period, max_epochs)
+        self._first: Readings | None = None
         self._events: list[Event] = []
         self._log: list[Command] = []
         for remark in self._assembly.remarks:
@@ -185,7 +188,14 @@ class Simulation:
     @property
     def faults(self) -> list[LiveFault]:
         """All faults: armed, active and ended."""
-        return [desk.live(fault, self.now, self._channels) for fault in self._operator.faults]
+        seen = self._seen()
+        enabled = self._operator.enabled
+        return [
+            standing(
+                desk.live(fault, self.now, self._channels), self._state.deeds, enabled, self._channels, seen, self.runs
+            )
+            for fault in self._operator.faults
+        ]
 
     @property
     def acted(self) -> Mapping[str, Acted]:
@@ -210,10 +220,28 @@ class Simulation:
         return self._assembly.absent
 
     @property
+    def not_in_view(self) -> list[str]:
+        """Channels without a reading in the last epoch of run 0, or in the first one before it is flown."""
+        seen = self._seen()
+        if seen is None:
+            return []
+        valid = {name: group.valid[0] for name, group in seen.groups.items()}
+        return [
+            channel.name
+            for channel in self.description.channels
+            if channel.name not in self.unavailable and not valid[channel.group][list(channel.parts)].any()
+        ]
+
+    @property
     def settings(self) -> dict[str, Any]:
         """Current settings."""
         settings: dict[str, Any] = self._operator.settings.model_dump(mode="json")
         return settings
+
+    @property
+    def idle_settings(self) -> Mapping[str, str]:
+        """Settings that change nothing with the parameters of this flight, and why."""
+        return self._assembly.idle_settings
 
     def latest(self) -> dict[str, float]:
         """Last value of every signal of run 0, SI."""
@@ -277,14 +305,26 @@ class Simulation:
 
     @one_blas_thread
     def step(self) -> Simulation:
-        """Fly one epoch; nothing happens when the flight is over."""
+        """Fly one epoch; nothing happens when the flight is over.
+
+        Raises:
+            FlightError: FTLab fails; the flight stands as it was before.
+            CommandError: a command of the scenario's own log is refused.
+        """
         if self.finished:
             return self
         before = self._state
-        after, truth, output = self._fly(before, self._operator)
+        try:
+            after, truth, output = self._fly(before, self._operator)
+            row = self._assembly.reporter.row(truth, output)
+        except MemoryError:
+            raise
+        except Exception as error:
+            raise FlightError(self.now, error) from error
         self._state, self._shown = after, (truth, output)
-        self._recording.append(self.now, self._assembly.reporter.row(truth, output))
+        self._recording.append(self.now, row)
         self._fault_edges(before.epoch * self.period, self.now)
+        self._deed_edges(before.deeds)
         for run, kind, subject, detail in edges(
             output, before.alarm, before.health, self._assembly.tests, self._assembly.subjects
         ):
@@ -369,7 +409,10 @@ class Simulation:
     def change(self, fault_id: str, **fields: Any) -> Fault:
         """Change magnitude, end or another field of a fault that is armed or active. Raises CommandError."""
         absent = self._assembly.absent
-        self._operator, new = desk.change(self._operator, fault_id, fields, self.now, self._channels, absent)
+        after, new = desk.change(self._operator, fault_id, fields, self.now, self._channels, absent)
+        acted = bool(self._state.deeds.of(new, self.runs).epochs.any())
+        refuse_idle(new, self._channels[new.channel], self._outlook(), acted)
+        self._operator = after
         self._fault_event("fault.changed", new)
         self._given(Change(action="change", time=self.now, fault=fault_id, fields=fields))
         return new
@@ -380,6 +423,8 @@ class Simulation:
         self._operator, ended = desk.clear(before, fault_id, self.now, self._channels)
         if self._operator is not before:
             self._fault_event("fault.cleared", ended)
+            if any(fault.id == ended.id for fault in self._operator.faults):
+                self._say_if_silent(ended)
             self._given(Clear(action="clear", time=self.now, fault=fault_id))
         return ended
 
@@ -399,6 +444,9 @@ class Simulation:
     def configure(self, **settings: Any) -> dict[str, Any]:
         """Change settings of the system. Returns all of them. Raises CommandError, naming the field."""
         after = desk.configure(self._operator, self.scenario.model.Settings, settings)
+        for name, why in self.idle_settings.items():
+            if getattr(after.settings, name) != getattr(self._operator.settings, name):
+                raise CommandError(name, f"{name} changes nothing here: {why}")
         if after.settings != self._operator.settings:
             self._operator = after
             self._event(-1, "settings.changed", "settings", dict(settings))
@@ -421,9 +469,22 @@ class Simulation:
 
     def _inject(self, fault: Fault) -> Fault:
         absent = self._assembly.absent
-        self._operator, injected = desk.inject(self._operator, fault, self.now, self._channels, absent)
+        after, injected = desk.inject(self._operator, fault, self.now, self._channels, absent)
+        refuse_idle(injected, self._channels[injected.channel], self._outlook())
+        self._operator = after
         self._fault_event("fault.injected", injected)
         return injected
+
+    def _outlook(self) -> Outlook:
+        return Outlook(self._seen(), self.epoch, self.last_epoch, self.period, self._assembly.visible)
+
+    def _seen(self) -> Readings | None:
+        """Clean readings of the last epoch; of the first one before it is flown, if that can be known."""
+        if self._state.memory.history:
+            return self._state.memory.history[-1]
+        if self._first is None and self._assembly.foresees:
+            self._first = self._assembly.plant.step(self._state.plant, 1, None)[2]
+        return self._first
 
     def _given(self, command: Command) -> None:
         """Remember a command: in the log, unless the scenario's own log gave it, and as the operator's new state."""
@@ -448,7 +509,9 @@ class Simulation:
             try:
                 match command:
                     case Inject():
-                        self.inject(command.fault)
+                        # Given between two epochs, it is laid at the next one; so is its onset.
+                        due = command.fault.start is not None and command.fault.start < self.now
+                        self.inject(command.fault.model_copy(update={"start": self.now} if due else {}))
                     case Change():
                         self.change(command.fault, **command.fields)
                     case Clear(fault=None):
@@ -509,10 +572,27 @@ class Simulation:
                 self._fault_event("fault.started", fault)
             if fault.end is not None and before < fault.end <= now:
                 self._fault_event("fault.ended", fault)
+                self._say_if_silent(fault)
 
-    def _fault_event(self, kind: str, fault: Fault) -> None:
-        detail = fault_detail(fault, desk.unit_of(fault, self._channels))
-        self._event(-1, kind, self._channels[fault.channel].sensor, detail)
+    def _deed_edges(self, before: Deeds) -> None:
+        """Events of faults that act for the first time, and at the end of the flight of those that never did."""
+        for fault in self._operator.faults:
+            if before.of(fault, self.runs).epochs.all():
+                continue
+            for run in np.flatnonzero(self._state.deeds.of(fault, self.runs).first == self.now).tolist():
+                self._fault_event("fault.acted", fault, run + self.first_run)
+            if self.finished and (fault.end is None or fault.end > self.now):
+                self._say_if_silent(fault)
+
+    def _say_if_silent(self, fault: Fault) -> None:
+        """An event for a fault that is over, or lasts until the flight is, and has acted in no run."""
+        if not self._state.deeds.of(fault, self.runs).epochs.any():
+            live = next(live for live in self.faults if live.fault.id == fault.id)
+            self._fault_event("fault.silent", fault, because=live.silent_because)
+
+    def _fault_event(self, kind: str, fault: Fault, run: int = -1, **more: Any) -> None:
+        detail = fault_detail(fault, desk.unit_of(fault, self._channels)) | more
+        self._event(run, kind, self._channels[fault.channel].sensor, detail)
 
     def _event(self, run: int, kind: str, subject: str, detail: dict[str, Any]) -> None:
         self._events.append(

@@ -9,12 +9,13 @@ from collections.abc import AsyncIterator, Iterator
 from importlib import metadata
 from typing import Any
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 
 from ftcore.sensors import rinex
 from ftcore.threads import one_blas_thread
 from server import pages, problems, scene_proxy
+from server.dependencies import known_query
 from server.limits import DOCUMENT_PATH, SMALL_BODY, Answered, BodyLimit, SocketLimit
 from server.openapi import describe
 from server.registry import ExperimentRegistry
@@ -66,7 +67,7 @@ def create_app(settings: Settings | None = None) -> FastAPI:
     )
     app.state.settings, app.state.doorkeeper = settings, doorkeeper
     problems.install(app)
-    api = APIRouter(prefix="/api/v1")
+    api = APIRouter(prefix="/api/v1", dependencies=[Depends(known_query)])
     for resource in (systems, scenarios, experiments, logs, time, operator, results, meta, stream):
         api.include_router(resource.router)
     for router in (api, scene_proxy.router, pages.router):

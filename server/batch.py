@@ -15,10 +15,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
+from ftcore import CommandError, FlightError, Scenario, Simulation, catalogue
 from ftcore.files import check_replaceable, replacing
 from ftcore.score import Score, of_alarms
 from server import problems, report
+from server.models import NewFault
 from server.settings import UserError
 
 WRITERS: dict[str, Callable[[Simulation, Path], object]] = {
@@ -46,6 +47,8 @@ def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> No
             _advance(simulation, console)
         except CommandError as error:
             raise UserError(f"the scenario's command at {simulation.now:g} s is refused: {error}") from None
+        except FlightError as error:
+            raise UserError(f"{error}; up to then it can be flown with a shorter duration") from None
         _show(simulation.score(), simulation, console)
         if out is not None and write is not None:
             write(simulation, out)
@@ -135,9 +138,9 @@ def _fault(text: str) -> dict[str, Any]:
     """A fault as JSON, checked as far as it can be without a system."""
     try:
         given = json.loads(text)
-        return Fault.model_validate_json(text, strict=True).model_dump(mode="json", exclude_unset=True)
+        return NewFault.model_validate_json(text, strict=True).model_dump(mode="json", exclude_unset=True)
     except ValidationError as error:
-        raise UserError(f"--fault {text}: {problems.from_validation(error, given, Fault).detail}") from None
+        raise UserError(f"--fault {text}: {problems.from_validation(error, given, NewFault).detail}") from None
     except (ValueError, RecursionError):
         example = '{"channel": "gps.pseudorange.G11", "kind": "bias", "magnitude": 60, "start": 600}'
         raise UserError(f"--fault {text} is not JSON; for instance {example} is") from None
@@ -188,6 +191,9 @@ def _show(score: Score, simulation: Simulation, console: Console) -> None:
     faults = _table("fault", "what came of it")
     for fault in score.faults:
         faults.add_row(fault.label, fault.words)
+    deeds = _table("fault", "first acted at", "epochs", "at the end")
+    for name, first, epochs, now in report.deeds(simulation):
+        deeds.add_row(name, _number(first, "s"), str(epochs), now)
     sound = _table("of the sound", "alarms and isolations")
     labels = {test.name: test.label for test in simulation.description.tests}
     for name, tests in groupby(score.tests, key=lambda test: test.name):
@@ -209,7 +215,7 @@ def _show(score: Score, simulation: Simulation, console: Console) -> None:
     for event in simulation.events:
         if "text" in event.detail and event.time == 0.0:
             console.print(f"note: {event.detail['text']}", highlight=False, markup=False)
-    for table in (headline, faults, sound, estimators):
+    for table in (headline, faults, deeds, sound, estimators):
         if table.row_count:
             console.print()
             console.print(table)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Path, Request, WebSocket
+from starlette.requests import HTTPConnection
 
 from server.experiments import Experiment
-from server.problems import Refused
+from server.problems import Refused, at
 from server.registry import ExperimentRegistry
 from server.scenes import Scenes
 from server.settings import Settings
@@ -52,6 +53,30 @@ def _experiment_of_socket(id: str, socket: WebSocket) -> Experiment | None:
         return registry.get(id)
     except Refused:
         return None
+
+
+def known_query(connection: HTTPConnection) -> None:
+    """Refuse query parameters that the OpenAPI document does not give the route.
+
+    Raises:
+        Refused: 422, naming the known ones.
+    """
+    if connection.scope["type"] != "http" or not connection.query_params:
+        return
+    known = _parameters(connection.app.openapi(), connection.scope["route"].operation_id)
+    unknown = [name for name in connection.query_params if name not in known]
+    if unknown:
+        takes = f"it takes {', '.join(known)}" if known else "it takes none"
+        errors = [at([name], f"there is no query parameter {name!r}; {takes}", known, "query") for name in unknown]
+        raise Refused(422, errors[0].detail, errors)
+
+
+def _parameters(document: dict[str, Any], operation_id: str) -> list[str]:
+    """Names of the query parameters of an operation of the OpenAPI document."""
+    for operation in (operation for methods in document["paths"].values() for operation in methods.values()):
+        if operation["operationId"] == operation_id:
+            return [parameter["name"] for parameter in operation.get("parameters", ()) if parameter["in"] == "query"]
+    return []
 
 
 SettingsOf = Annotated[Settings, Depends(_settings)]

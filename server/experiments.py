@@ -13,13 +13,14 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 from typing import Any, Literal, Protocol, TypeVar
 
-from ftcore import CommandError, Fault, Simulation
+from ftcore import CommandError, Fault, FlightError, Simulation
+from ftcore.commands import LiveFault
 from ftcore.description import View
 from server.advances import Advance, Stop
 from server.attendance import PATIENCE, Attendance
 from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
 from server.pacing import Clock, Pacer, Speed
-from server.problems import Refused
+from server.problems import INTERNAL_FAILURE, Refused
 
 T = TypeVar("T")
 SLICE = 0.012
@@ -82,6 +83,7 @@ class Experiment:
         self.attendance = Attendance(workers.clock.now)
         self.rewinds: list[float] = []
         self.reason: str | None = None
+        self._defect: FlightError | None = None
         self._simulation = simulation
         self._workers = workers
         self._lock = asyncio.Lock()
@@ -203,6 +205,8 @@ class Experiment:
 
     def _may_fly(self) -> None:
         if self._state == "failed":
+            if self._defect is not None:
+                raise Refused(409, str(self._defect), type=INTERNAL_FAILURE)
             raise Refused(409, f"the experiment has failed ({self.reason}); rewind it, or fork from before")
         if self._state == "finished":
             raise Refused(409, f"the flight is over at {self._simulation.now:g} s; rewind it, or fork from before")
@@ -234,7 +238,8 @@ class Experiment:
     def _fail(self, error: Exception) -> None:
         _log.exception("experiment %s failed", self.id, exc_info=error)
         self._state = "failed"
-        self.reason = f"{type(error).__name__}: {error}".splitlines()[0][:300]
+        self._defect = error if isinstance(error, FlightError) else None
+        self.reason = self._defect.reason if self._defect else f"{type(error).__name__}: {error}".splitlines()[0][:300]
         self._publish()
 
     async def advance(
@@ -342,13 +347,15 @@ class Experiment:
                 duration=simulation.duration,
                 reason=self.reason,
             ),
-            faults=[_shown(live.fault, live.unit, live.state) for live in simulation.faults],
+            faults=[_shown(live) for live in simulation.faults],
             subsystems={
                 name: SubsystemStatus.model_validate(status, from_attributes=True)
                 for name, status in simulation.subsystems.items()
             },
             settings=simulation.settings,
+            idle_settings=dict(simulation.idle_settings),
             unavailable=dict(simulation.unavailable),
+            not_in_view=simulation.not_in_view,
             parent=self.parent,
             ghost_of=self.ghost_of,
             spare=self.spare,
@@ -403,20 +410,24 @@ def fault_state(simulation: Simulation, fault: Fault) -> FaultState:
     """A fault as the API shows it; one that is no longer in the simulation has ended."""
     for live in simulation.faults:
         if live.fault.id == fault.id:
-            return _shown(live.fault, live.unit, live.state)
-    return _shown(fault, fault.unit, "ended")
+            return _shown(live)
+    return _shown(LiveFault(fault, fault.unit, "ended", silent_because="cleared before it began"))
 
 
-def _shown(fault: Fault, unit: str | None, state: Literal["armed", "active", "ended"]) -> FaultState:
+def _shown(live: LiveFault) -> FaultState:
+    fault = live.fault
     return FaultState(
         id=str(fault.id),
         channel=fault.channel,
         kind=fault.kind,
         magnitude=fault.magnitude,
-        unit=unit,
+        unit=live.unit,
         start=fault.start or 0.0,
         end=fault.end,
         angular_frequency=fault.angular_frequency,
         rate=fault.rate,
-        state=state,
+        state=live.state,
+        acting=live.acting,
+        acted_epochs=live.acted_epochs,
+        silent_because=live.silent_because,
     )

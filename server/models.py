@@ -114,6 +114,9 @@ class FaultState(Answer):
     angular_frequency: float = Field(description="of a sine", json_schema_extra={"unit": "rad/s"})
     rate: float = Field(description="of outliers: probability of a spike in each sample")
     state: Literal["armed", "active", "ended"]
+    acting: bool = Field(description="whether it changed what the navigator was given in the last epoch")
+    acted_epochs: int = Field(description="in how many epochs it has done so")
+    silent_because: str | None = Field(description="why it is not acting; null while it is")
 
 
 class SubsystemStatus(Answer):
@@ -144,7 +147,9 @@ class ExperimentState(Answer):
     faults: list[FaultState]
     subsystems: dict[str, SubsystemStatus]
     settings: dict[str, Any]
+    idle_settings: dict[str, str] = Field(description="settings that change nothing with these parameters, and why")
     unavailable: dict[str, str] = Field(description="channels that this experiment has not, and what would bring them")
+    not_in_view: list[str] = Field(description="channels without a reading in the last epoch; no fault acts there now")
     parent: str | None = Field(description="the experiment this one was forked from")
     ghost_of: str | None = Field(description="the experiment this one is the fault-free twin of")
     spare: bool = Field(description="whether a page may take it over, or delete it, while nobody has touched it")
@@ -244,7 +249,7 @@ class Cursor(Request):
 
 
 class NewFault(Fault):
-    """A fault to inject; start defaults to now."""
+    """A fault to inject; start defaults to now. A field that its kind has no use for is refused, whatever its value."""
 
     model_config = ConfigDict(
         strict=True,
@@ -252,6 +257,7 @@ class NewFault(Fault):
             "examples": [{"channel": "gps.pseudorange.C1", "kind": "bias", "magnitude": 100.0, "start": 50.0}]
         },
     )
+    defaults_say_nothing = False
 
 
 class FaultChange(Request):

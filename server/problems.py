@@ -40,6 +40,10 @@ class FieldError(BaseModel):
     accepted: list[str] | None = Field(default=None, description="the names or values that would be accepted, if few")
 
 
+INTERNAL_FAILURE = "urn:ftlab:problem:internal-failure"
+"""Type of the problem that FTLab itself failed in a flight: no request is at fault."""
+
+
 class Problem(BaseModel):
     """RFC 9457 problem details."""
 
@@ -55,7 +59,9 @@ class Problem(BaseModel):
         }
     )
 
-    type: str = Field(default="about:blank", description="the status says it all")
+    type: str = Field(
+        default="about:blank", description=f"about:blank: the status says it all; {INTERNAL_FAILURE}: FTLab failed"
+    )
     title: str
     status: int
     detail: str
@@ -66,9 +72,15 @@ class Refused(Exception):
     """A request that cannot be done; becomes a problem response."""
 
     def __init__(
-        self, status: int, detail: str, errors: Sequence[FieldError] = (), headers: dict[str, str] | None = None
+        self,
+        status: int,
+        detail: str,
+        errors: Sequence[FieldError] = (),
+        headers: dict[str, str] | None = None,
+        type: str = "about:blank",
     ) -> None:
         super().__init__(detail)
+        self.type = type
         self.status = status
         self.detail = detail
         self.errors = list(errors)
@@ -76,10 +88,15 @@ class Refused(Exception):
 
 
 def problem(
-    status: int, detail: str, errors: Sequence[FieldError] = (), headers: dict[str, str] | None = None
+    status: int,
+    detail: str,
+    errors: Sequence[FieldError] = (),
+    headers: dict[str, str] | None = None,
+    type: str = "about:blank",
 ) -> Response:
     """A problem response."""
-    body = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, errors=list(errors))
+    title = "Internal failure" if type == INTERNAL_FAILURE else HTTPStatus(status).phrase
+    body = Problem(type=type, title=title, status=status, detail=detail, errors=list(errors))
     # What was sent may be quoted in it, and may hold halves of surrogate pairs: `json` spells them, UTF-8 cannot.
     content = json.dumps(body.model_dump(exclude_none=True))
     return Response(content, status_code=status, media_type=MEDIA_TYPE, headers=headers)
@@ -109,7 +126,7 @@ def documented(*statuses: int) -> dict[int | str, dict[str, Any]]:
             "description": _MEANING[status],
             "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
         }
-        for status in sorted({403, *statuses, *((408,) if 413 in statuses else ())})
+        for status in sorted({403, 422, *statuses, *((408,) if 413 in statuses else ())})
     }
 
 
@@ -246,7 +263,7 @@ def install(app: FastAPI) -> None:
 
 async def _refused(_: Request, error: Exception) -> Response:
     assert isinstance(error, Refused)
-    return problem(error.status, error.detail, error.errors, error.headers)
+    return problem(error.status, error.detail, error.errors, error.headers, error.type)
 
 
 async def _command_refused(_: Request, error: Exception) -> Response:

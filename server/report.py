@@ -5,12 +5,14 @@ The page's template, style and script lie in ``resources``; they and plotly.js a
 
 from __future__ import annotations
 
+import math
 import re
 from functools import lru_cache
 from importlib import metadata, resources
 from typing import Any
 
 from ftcore import Simulation, units
+from ftcore.faults import KINDS
 from server import series
 from server.encoding import to_json
 
@@ -42,10 +44,22 @@ def gather(simulation: Simulation, title: str) -> dict[str, Any]:
         "charts": charts,
         "events": [event.model_dump(mode="json") for event in operator[:MAX_EVENTS]],
         "events_left_out": max(0, len(operator) - MAX_EVENTS),
+        "deeds": deeds(simulation),
         "score": simulation.score().model_dump(mode="json"),
         "estimators": description.estimators,
         "scenario": simulation.document().model_dump(mode="json", exclude_defaults=True),
     }
+
+
+def deeds(simulation: Simulation) -> list[tuple[str, float | None, int, str]]:
+    """What each fault did: its name, when it first acted in the first run [s], in how many epochs, and why no more."""
+    told = []
+    for live in simulation.faults:
+        fault = live.fault
+        first = float(simulation.acted[str(fault.id)].first[0])
+        name = f"{fault.id}: {fault.channel} {KINDS[fault.kind].label}"
+        told.append((name, None if math.isnan(first) else first, live.acted_epochs, live.silent_because or "acting"))
+    return told
 
 
 def render(facts: dict[str, Any]) -> bytes:

@@ -234,9 +234,9 @@ class Viewer:
             self._position = last
             self._credit.sent(last)
             await self._send({"type": "frames", "time": found.time, "signals": found.signals})
-        if not _same(state, self._state):
+        if not _same(state, self._state, counted=frames and self._credit.left):
             await self._send({"type": "state", **state.model_dump(mode="json")})
-        self._state = state
+            self._state = state
         if frames and self._credit.left and self._viewed != self.experiment.version:
             self._viewed = self.experiment.version
             view = await self.experiment.view()
@@ -266,9 +266,16 @@ def events_before(simulation: Simulation, time: float) -> int:
     return bisect_left(simulation.events, time - 1e-9, key=lambda event: event.time)
 
 
-def _same(new: ExperimentState, old: ExperimentState | None) -> bool:
-    """Whether a viewer who follows the frames would learn nothing from the new state."""
+def _same(new: ExperimentState, old: ExperimentState | None, counted: bool) -> bool:
+    """Whether a viewer who follows the frames would learn nothing from the new state.
+
+    A fault at work counts another epoch with every epoch; that is told to one who keeps up (``counted``).
+    """
     if old is None:
         return False
     clock = old.clock.model_copy(update={"time": new.clock.time, "epoch": new.clock.epoch})
-    return new == old.model_copy(update={"clock": clock})
+    same: dict[str, Any] = {"clock": clock}
+    if not counted and len(new.faults) == len(old.faults):
+        pairs = zip(old.faults, new.faults, strict=True)
+        same["faults"] = [was.model_copy(update={"acted_epochs": now.acted_epochs}) for was, now in pairs]
+    return new == old.model_copy(update=same)

@@ -52,7 +52,7 @@ export class Bench extends Panel {
       this.#picked = false;
       this.#list();
     });
-    this.watch((s) => [...unseen(s.description, s.view)].join(' '), () => {
+    this.watch((s) => [...unseen(s.experiment)].join(' '), () => {
       if (document.activeElement !== this.channel) this.#list();
     });
     this.watch((s) => s.prefill, (prefill) => {
@@ -101,10 +101,10 @@ export class Bench extends Panel {
     const asked = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
     const found = this.#channels().filter((c) => asked.every((word) => `${c.label} ${c.name} ${c.unit}`.toLowerCase().includes(word)));
     const before = this.channel.value;
-    const absent = unseen(description, store.get().view);
+    const absent = unseen(store.get().experiment);
     const [here, away] = [found.filter((c) => !absent.has(c.name)), found.filter((c) => absent.has(c.name))];
     const family = (/** @type {Channel} */ c) => `${subjectLabel(c.group.split('.')[0], description)}: ${words(c.group.split('.').slice(1).join(' '))} (${c.unit})`;
-    fill(this.channel, ...grouped(here, family), ...grouped(away, (c) => `Not there now – ${family(c)}`),
+    fill(this.channel, ...grouped(here, family), ...grouped(away, (c) => `Not in view now – ${family(c)}`),
       !found.length && h('option', { value: '', disabled: true }, 'no channel matches'));
     const kept = found.some((c) => c.name === before) && !(absent.has(before) && !this.#picked);
     this.channel.value = kept ? before : ([...here, ...away][0]?.name ?? '');

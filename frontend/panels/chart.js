@@ -134,7 +134,7 @@ export class ChartPanel extends Panel {
   #explain(trace) {
     const signal = this.description.signals.find((s) => s.name === trace.signal);
     const test = this.description.tests.find((t) => trace.signal.startsWith(`test.${t.name}.`));
-    const about = trace.role === 'threshold' && test ? `; alarm when ${test.alarm_when}; ${test.dof}` : '';
+    const about = trace.role === 'threshold' && test ? `; alarm when ${test.alarm_when}; ${test.dof}; false-alarm probability ${test.probability}${test.probability_note && `: ${test.probability_note}`}` : '';
     return `${signal?.label ?? trace.signal}${trace.sigma ? ', band: ±3σ' : ''}${about}. Click to hide or show.`;
   }
 

@@ -36,7 +36,8 @@ export class Faults extends Panel {
 function card(fault) {
   return h('li', { class: 'fault' }, h('b', {}),
     h('span', { class: 'dim' }),
-    h('span', { class: 'acts' }, curlButton(() => commands.clear(id(), fault.id), 'this clear'), h('button', { class: 'clear', onclick: () => clear(fault.id) }, 'Clear')));
+    h('span', { class: 'acts' }, curlButton(() => commands.clear(id(), fault.id), 'this clear'), h('button', { class: 'clear', onclick: () => clear(fault.id) }, 'Clear')),
+    h('span', { class: 'dim deeds' }));
 }
 
 /** @param {HTMLElement} element @param {Fault} fault */
@@ -44,10 +45,13 @@ function tell(element, fault) {
   const { description, events } = store.get();
   const title = faultText(fault, description);
   element.classList.toggle('armed', fault.state === 'armed');
-  const [name, about] = element.children;
+  const [name, about, , deeds] = element.children;
   setText(name, title);
   element.querySelector('.clear')?.setAttribute('aria-label', `Clear ${title}`);
   setText(about, fault.state === 'armed' ? `armed for ${at(fault.start)}` : `since ${at(fault.start)}${found(fault, events)}`);
+  const silent = fault.state !== 'armed' && !fault.acting;
+  element.classList.toggle('silent', silent);
+  setText(deeds, fault.acting ? `acting: ${fault.acted_epochs} ${fault.acted_epochs === 1 ? 'epoch' : 'epochs'}` : silent ? `silent: ${fault.silent_because}` : '');
 }
 
 /** A moment, to the epoch. @param {number} time */

@@ -78,7 +78,7 @@ export class BlockPopover extends Panel {
     const { sensor } = block;
     if (!sensor || !description) return null;
     const live = (experiment?.faults ?? []).filter((f) => f.channel.startsWith(sensor) && f.state !== 'ended');
-    const absent = unseen(description, view);
+    const absent = unseen(experiment);
     const channels = fitted({ description, experiment }).filter((c) => c.name.startsWith(sensor));
     if (!channels.length) return null;
     const present = channels.filter((c) => !absent.has(c.name));

@@ -27,6 +27,9 @@ export class Setting extends Panel {
       h('span', { class: 'entry' }, input, h('span', { class: 'unit' }, unitText(schema.unit)),
         curlButton(() => commands.configure(id(), { [name]: valueOf(schema, input) }), fieldLabel(name, schema))), error);
     this.watch((s) => s.experiment?.settings[name], (value) => show(schema, input, value));
+    this.watch((s) => name in (s.experiment?.idle_settings ?? {}), (idle) => {
+      this.hidden = idle;
+    });
   }
 
   /** @param {string} name @param {Schema} schema @param {HTMLInputElement | HTMLSelectElement} input @param {HTMLElement} error */

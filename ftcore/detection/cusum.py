@@ -22,6 +22,8 @@ from scipy.special import chdtrc, ndtr, ndtri
 
 from ftcore.detection.result import Array, Ints, TestResult
 
+LEAST_P_FA, MOST_P_FA = 1e-12, 0.1
+"""False-alarm probabilities that the law of the sum is computed for; a form that offers the test has these bounds."""
 SCORE_LIMIT = 8.0
 """Scores are held within this: a chi-square probability below 6e-16 is a certainty, not a size."""
 
@@ -39,8 +41,10 @@ class Rules:
 
     def __post_init__(self) -> None:
         """Refuse a sum that drifts up by itself or can never alarm."""
-        if not 1e-12 <= self.p_fa <= 0.1:
-            raise ValueError(f"the false-alarm probability of a cumulative sum is 1e-12 to 0.1, not {self.p_fa}")
+        if not LEAST_P_FA <= self.p_fa <= MOST_P_FA:
+            raise ValueError(
+                f"the false-alarm probability of a cumulative sum is {LEAST_P_FA:g} to {MOST_P_FA:g}, not {self.p_fa}"
+            )
         if not 0.05 <= self.reference <= 4.0:
             raise ValueError(f"the reference is 0.05 to 4 standard deviations, not {self.reference}")
         if not self.ceiling >= 1.0:

@@ -89,7 +89,7 @@ class Decision:
     just_readmitted: Mask
     """Comes back: to be re-initialised from the fused estimate after this epoch's fusion, and used from the next on."""
     alarms_in_window: NDArray[np.uint8]
-    """How many of the last n epochs alarmed."""
+    """How many of the last n epochs alarmed, of those alarms that count."""
 
     @property
     def suspect(self) -> Mask:
@@ -108,12 +108,15 @@ def start(runs: int, subjects: int) -> State:
     return State(np.zeros(shape, np.int8), np.zeros(shape, np.uint64), np.zeros(shape, np.int64))
 
 
-def step(state: State, alarms: Mask, admission_ok: Mask, enabled: Mask, rules: Rules) -> tuple[State, Decision]:
+def step(
+    state: State, alarms: Mask, admission_ok: Mask, enabled: Mask, rules: Rules, counted: Mask | None = None
+) -> tuple[State, Decision]:
     """Judge one epoch.
 
     Shapes: alarms (runs, S), of the test that drives exclusion; admission_ok (runs, S), whether the measurement would
     pass against an estimate it had no part in (read only for subjects that are out); enabled (runs or 1, S), what the
-    operator has switched on. Returns the new state and the decision for this epoch.
+    operator has switched on; counted (runs, S), alarms that count towards isolation, all by default: the others only
+    withhold. Returns the new state and the decision for this epoch.
     """
     was_suspect = state.health == SUSPECT
     returning = enabled & (state.health == OFF)  # has nothing to answer for: one passed admission is enough
@@ -125,11 +128,12 @@ def step(state: State, alarms: Mask, admission_ok: Mask, enabled: Mask, rules: R
     streak = np.where(good, np.where(returning, rules.hold_off - 1, state.streak) + 1, 0)
     # One that is out leaves its history behind: alarms from before its isolation do not count when it is back.
     window = np.uint64(2**rules.window - 1)
-    history = np.where(inside, (state.history << _ONE | alarm) & window, _NONE)
+    counts = alarm if counted is None else alarm & counted
+    history = np.where(inside, (state.history << _ONE | counts) & window, _NONE)
     count = np.bitwise_count(history)
 
     readmitted = out & (streak >= rules.hold_off)
-    confirmed = alarm & (count >= rules.confirm)
+    confirmed = counts & (count >= rules.confirm)
     suspect = alarm | was_suspect & inside & (streak < rules.clear)
     protected = None
     if not rules.isolate_last:

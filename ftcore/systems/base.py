@@ -8,7 +8,7 @@ returns a new one. The simulation knows systems only through the protocols of th
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, Self, runtime_checkable
 
@@ -109,6 +109,10 @@ class Output:
     left_out: Mapping[str, LeftOut] = field(default_factory=dict)
 
 
+Visible = Callable[[str, float, float], bool]
+"""Whether a channel may have a reading at some time from one moment to another [s]: (channel, from, to)."""
+
+
 class Plant(Protocol):
     """World and sensors."""
 
@@ -150,6 +154,10 @@ class Assembly:
         epochs: how many there are where the world ends (a log); no end if None.
         absent: channels of the description that this experiment has not, and why, in words that say what would bring
             them.
+        idle_settings: settings that change nothing with these parameters, and why.
+        visible: where it is known for times to come. False only where there will be no reading for certain; None: it is
+            not known, or every channel always has one.
+        foresees: whether the first epoch can be looked at before it is flown; not where a step is more than arithmetic.
         remarks: what a person has to know before it flies.
     """
 
@@ -161,6 +169,9 @@ class Assembly:
     period: float | None = None
     epochs: int | None = None
     absent: Mapping[str, str] = field(default_factory=dict)
+    idle_settings: Mapping[str, str] = field(default_factory=dict)
+    visible: Visible | None = None
+    foresees: bool = True
     remarks: Sequence[Remark] = ()
 
 

@@ -34,6 +34,9 @@ def declared_imu_tests(
             subjects=tuple(subject for test, subject in tests if test == name),
             dof=f"3 for the whole; 1 for an instrument{silent}",
             source=source,
+            probability="exact",
+            probability_note="an instrument alarms only where the whole does and names it, at a third of the stated "
+            "probability",
         )
         for name, source in (("parity", "Kim 2005 (29)-(32)"), ("glt", "Zhang 1992 [12]"))
     ]

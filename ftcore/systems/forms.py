@@ -29,12 +29,12 @@ def mounting() -> Any:
     )
 
 
-def false_alarm_probability(source: str = "FTLab default") -> Any:
-    """P_fa of each test at each epoch."""
+def false_alarm_probability(source: str = "FTLab default", most: float = 0.2) -> Any:
+    """P_fa of each test at each epoch, up to the ``most`` that all tests of the system are made for."""
     return Field(
         default=1e-3,
         ge=1e-9,
-        le=0.2,
+        le=most,
         title="False alarm",
         description="per test and epoch",
         json_schema_extra={"unit": "1", "source": source},

@@ -115,3 +115,22 @@ def seen_from(position_e: Array, C_en: Array, satellite_e: Array) -> LineOfSight
 def visible(lla: Array, satellite_e: Array, mask_deg: float = 5.0) -> NDArray[np.bool_]:
     """Which satellites (..., satellites) a user sees above an elevation mask in degrees; shapes as in line_of_sight."""
     return line_of_sight(lla, satellite_e).visible(mask_deg)
+
+
+LOOKS = 60.0
+"""Seconds between two looks at a satellite that is watched for hours."""
+BETWEEN = math.radians(1.0)
+"""More than what a satellite rises by in half that time, and a user's horizon tilts at up to 1000 m/s [rad]."""
+
+
+def may_be_visible(slot: int, lla: Array, time: Array, mask_deg: float, away: ArrayLike = 0.0) -> bool:
+    """Whether a satellite may stand above the mask somewhere on the way; False only where it does not for certain.
+
+    ``slot`` in the order of :func:`almanac`; ``lla`` (3,) where the user is, or was, and how far ``away`` from there
+    [m] it may be by now; ``time`` (n,) seconds since the almanac epoch, at most :data:`LOOKS` apart.
+    """
+    position, _ = satellite_states(time)
+    sight = line_of_sight(lla, position)
+    # The horizon tilts by the arc that is travelled, and the direction turns by less than half of that.
+    tilt = 1.5 * np.asarray(away) / earth.A
+    return bool((sight.elevation[..., slot] > math.radians(mask_deg) - BETWEEN - tilt).any())

@@ -47,6 +47,8 @@
   const first = (delays) => Object.entries(delays).filter(([, delay]) => delay !== null).sort((a, b) => a[1] - b[1]).map(([test, delay]) => `${test} ${say(delay, 's')}`).join(', ') || 'none';
   table($('faults'), 'Faults (delays: medians, from the first epoch in which it acted)', ['fault', 'from', 'to', 'what came of it', 'alarms after', 're-admitted after'],
     (score.faults ?? []).map((f) => [f.label, say(f.start, 's'), f.end === null ? 'to the end' : say(f.end, 's'), f.words, first(f.time_to_alarm), f.readmission ? `${say(f.time_to_readmit, 's')}, in ${f.readmission.words}` : '–']));
+  table($('faults'), 'What each fault changed (in the first run)', ['fault', 'first at', 'epochs', 'now'],
+    facts.deeds.map(([name, first, epochs, now]) => [name, say(first, 's'), epochs, now]));
   table($('estimators'), 'Estimators (SI; root mean square, worst)', ['estimator', 'position', 'velocity', 'attitude', 'NEES'],
     Object.entries(score.estimators ?? {}).map(([name, e]) => [facts.estimators[name] ?? name, ...['position', 'velocity', 'attitude'].map((q) => `${say(e[q]?.rms)}, ${say(e[q]?.worst)}`), `${say(e.nees)}${e.nees_dof ? ` of ${e.nees_dof}` : ''}`]));
   const between = (low, high) => low === null ? '–' : `${say(low)} to ${say(high)}`;

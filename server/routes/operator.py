@@ -22,7 +22,7 @@ FaultId = Annotated[str, Path(description="a fault of this experiment", examples
 @router.post("/faults", operation_id="injectFault", summary="Inject a fault", status_code=201, responses=ERRORS)
 async def inject_fault(body: NewFault, experiment: Live, response: Response) -> FaultState:
     """Lays a fault over a channel, between two epochs; ``start`` defaults to now. It is announced as an event."""
-    fault = Fault.model_validate(body.model_dump())
+    fault = Fault.model_validate(body.model_dump(exclude_unset=True))
     state = await experiment.command(lambda simulation: fault_state(simulation, simulation.inject(fault)))
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}/faults/{state.id}"
     return state

@@ -120,7 +120,7 @@ def test_the_diagrams_block_lists_the_satellites_in_view(receiver: Lab) -> None:
 
 def test_the_fault_form_offers_what_is_there_first(receiver: Lab) -> None:
     groups = receiver.page.locator("ft-bench select[name=channel] optgroup")
-    expect(groups.last).to_have_attribute("label", re.compile("^Not there now"))
+    expect(groups.last).to_have_attribute("label", re.compile("^Not in view now"))
     first = groups.first.locator("option").all_inner_texts()
     assert sum(label.startswith("Pseudorange ") for label in first) == IN_VIEW
     assert receiver.page.locator("ft-bench select[name=channel]").input_value() in {

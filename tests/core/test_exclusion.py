@@ -156,7 +156,8 @@ def test_given_the_state_form_drives_then_a_faulty_aid_is_out_once_and_nobody_el
     sees it, and has forgotten them at the end: NEES of nine states over four runs, band for a false failure of 1e-6."""
     fault = {"channel": "gps.position.all", "kind": "bias", "magnitude": 60.0, "start": 60.0, "end": 90.0}
     document = {"system": "sins-gps-bd2-cns", "duration": 120.0, "seed": 5, "faults": [fault]}
-    document["settings"] = {"driving_test": "two-propagator-state", **settings}
+    confirming = {"confirm": 2, "within": 3}
+    document["settings"] = {"driving_test": "two-propagator-state", **confirming, **settings}
     sim = Simulation(Scenario.model_validate(document), runs=4).advance()
     changes = [(e.kind.split(".")[1], e.time) for e in sim.events if e.subject == "gps" and e.run >= 0]
     isolated = [time for what, time in changes if what == "isolated" and time >= 60.0]

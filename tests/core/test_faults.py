@@ -45,7 +45,10 @@ def fly(faults, epochs, noise=None):
 
 
 def fault(kind, magnitude=0.0, channel="a.q.1", start=3.0, **more):
-    return Fault(id=more.pop("id", "f1"), channel=channel, kind=kind, magnitude=magnitude, start=start, **more)
+    """A fault, with a magnitude if its kind has one."""
+    if KINDS[kind].uses("magnitude"):
+        more["magnitude"] = magnitude
+    return Fault(id=more.pop("id", "f1"), channel=channel, kind=kind, start=start, **more)
 
 
 def slow(readings, part=0):
@@ -169,10 +172,12 @@ def test_given_a_fault_then_the_clean_readings_are_not_changed():
         ({"channel": "fast.q.1", "kind": "noise", "magnitude": 1.0}, "kind", "it takes bias, ramp"),
         ({"unit": "deg"}, "unit", "m, km, ft"),
         ({"kind": "ramp", "unit": "m"}, "unit", "m/s"),
-        ({"kind": "dropout", "unit": "m"}, "unit", "no magnitude"),
         ({"magnitude": 0.0}, "magnitude", "changes nothing"),
         ({"kind": "noise", "magnitude": -1.0}, "magnitude", "positive"),
         ({"kind": "delay", "magnitude": 60.0}, "magnitude", "at most 10 s"),
+        ({"magnitude": 1e9}, "magnitude", "at most 1e+07 m"),
+        ({"magnitude": 1e5, "unit": "km"}, "magnitude", "at most 10000 km"),
+        ({"kind": "ramp", "magnitude": -2e7}, "magnitude", "at most 1e+07 m/s"),
     ],
 )
 def test_given_a_fault_the_channel_cannot_take_then_it_is_refused_with_the_reason(wrong, field, says):
@@ -196,6 +201,28 @@ def test_given_a_fault_the_channel_cannot_take_then_it_is_refused_with_the_reaso
 def test_given_a_malformed_fault_then_it_is_refused(wrong):
     with pytest.raises(ValidationError):
         Fault(**({"channel": "a.q.1", "kind": "bias", "magnitude": 1.0} | wrong))
+
+
+@pytest.mark.parametrize("kind", ALL_KINDS)
+@pytest.mark.parametrize("field", ["magnitude", "unit", "angular_frequency", "rate"])
+def test_given_a_field_that_its_kind_has_no_use_for_then_the_fault_is_refused_by_name(kind, field):
+    given = {"channel": "a.q.1", "kind": kind, field: "m" if field == "unit" else 0.5}
+    if KINDS[kind].uses(field):
+        assert field in Fault(**given).model_dump()
+        return
+    with pytest.raises(ValidationError) as refused:
+        Fault(**given)
+    assert [error["loc"] for error in refused.value.errors()] == [(field,)]
+    assert f"a {kind} fault" in str(refused.value)
+    default = Fault.model_fields[field].default
+    assert field not in Fault(**{**given, field: default}).model_dump(), "a default says nothing, old documents have it"
+
+
+@pytest.mark.parametrize("kind", ALL_KINDS)
+def test_given_a_fault_then_its_document_makes_the_same_fault_again(kind):
+    one = fault(kind, 2.0, end=9.0)
+    assert Fault.model_validate_json(one.model_dump_json()) == one
+    assert Fault.model_validate(one.model_dump()) == one
 
 
 # ---- what acts, and what does not

@@ -12,6 +12,7 @@ from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXCLUDED, NO_FIX
 from ftcore.faults import KINDS
 from ftcore.systems.gps_receiver.names import ESTIMATORS, SLOTS
+from tests.faulting import lay, sized
 
 DESCRIPTION = catalogue.system("gps-receiver")
 CHEY = Scenario.load("chey-2004")
@@ -127,9 +128,7 @@ def test_given_any_schedule_then_nothing_crashes_and_what_must_be_a_number_is_on
         for channel, kind, magnitude, start, length in faults:
             if start == epoch:
                 size = min(magnitude, 10.0) if kind == "delay" else magnitude
-                sim.inject(
-                    Fault(channel=channel, kind=kind, magnitude=size, end=None if length is None else sim.now + length)
-                )
+                lay(sim, sized(channel, kind, size, end=None if length is None else sim.now + length))
         if outage and epoch in (8, 12):
             sim.switch("gps", epoch == 12)
         sim.step()

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from ftcore import Fault, Scenario, Simulation, catalogue
 from ftcore.faults import KINDS
 from ftcore.systems.redundant_imu.names import SUBJECTS
+from tests.faulting import lay, sized
 from tests.redundant_imu import bias, pair, scenario
 
 DESCRIPTION = catalogue.system("redundant-imu")
@@ -111,7 +112,7 @@ def fly_schedule(schedule):
             if start == epoch:
                 size = min(magnitude, 10.0) if kind == "delay" else magnitude
                 end = None if length is None else sim.now + 0.02 * length
-                sim.inject(Fault(channel=channel, kind=kind, magnitude=size, end=end))
+                lay(sim, sized(channel, kind, size, end=end))
         for at, name, on in switches:
             if at == epoch:
                 sim.switch(name, on)

@@ -22,10 +22,28 @@ AIDS = ("gps", "cns", "altimeter")
 GYROS = ("imu.gyro", "imu.gyro.1", "imu.gyro.2", "imu.gyro.3")
 SATELLITES = ("gps", "gps.C1", "gps.C2")
 TESTS = (
-    DeclaredTest(name="residual", label="residual test", subjects=AIDS, dof="1", source="tests", reference=("imu",)),
-    DeclaredTest(name="parity", label="parity test", subjects=GYROS, dof="1", source="tests"),
-    DeclaredTest(name="satellite", label="satellite test", subjects=SATELLITES, dof="1", source="tests"),
-    DeclaredTest(name="old", label="old filter's test", subjects=("cns",), dof="1", source="tests", baseline=True),
+    DeclaredTest(
+        name="residual",
+        label="residual test",
+        subjects=AIDS,
+        dof="1",
+        source="tests",
+        probability="exact",
+        reference=("imu",),
+    ),
+    DeclaredTest(name="parity", label="parity test", subjects=GYROS, dof="1", source="tests", probability="exact"),
+    DeclaredTest(
+        name="satellite", label="satellite test", subjects=SATELLITES, dof="1", source="tests", probability="exact"
+    ),
+    DeclaredTest(
+        name="old",
+        label="old filter's test",
+        subjects=("cns",),
+        dof="1",
+        source="tests",
+        probability="exact",
+        baseline=True,
+    ),
 )
 USED = ("gps", "cns", "altimeter", "imu.gyro.1", "imu.gyro.2", "imu.gyro.3", "gps.C1", "gps.C2")
 CHANNELS = {

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.faults import KINDS
+from tests.faulting import lay, sized
 
 VISIBLE = Scenario.load("zhang-1992-visible")
 DESCRIPTION = catalogue.system("sins-gps-doppler")
@@ -207,7 +208,7 @@ def fly_schedule(schedule):
                 if kind == "delay":
                     magnitude = min(magnitude, 10.0)
                 end = None if length is None else sim.now + length
-                sim.inject(Fault(channel=channel, kind=kind, magnitude=magnitude, end=end))
+                lay(sim, sized(channel, kind, magnitude, end=end))
         for at, name, on in switches:
             if at == epoch:
                 sim.switch(name, on)

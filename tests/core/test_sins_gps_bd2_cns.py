@@ -99,7 +99,7 @@ def test_given_commands_then_the_document_replays_to_the_same_bits():
 
 @pytest.mark.parametrize("configuration", ["three-axis", "redundant"])
 def test_every_kind_of_fault_goes_on_every_channel_and_every_number_stays_a_number(configuration):
-    """All kinds on all channels, four at a time, one second each: estimates and decisions stay finite."""
+    """All kinds on all channels, four at a time, two epochs each: estimates and decisions stay finite."""
     sizes = {"delay": 2.0, "scale-factor": 0.1}
     parameters = {"inertial": {"configuration": configuration}}
     absent = Simulation(scenario(duration=10.0, parameters=parameters)).unavailable
@@ -111,7 +111,7 @@ def test_every_kind_of_fault_goes_on_every_channel_and_every_number_stays_a_numb
             "kind": kind,
             "magnitude": 0.0 if kind in ("stuck", "dropout") else sizes.get(kind, 3.0 * c.typical),
             "start": 5.0 + (i // 4),
-            "end": 6.0 + (i // 4),
+            "end": 6.5 + (i // 4),
         }
         for i, (c, kind) in enumerate(pairs)
     ]
@@ -121,6 +121,16 @@ def test_every_kind_of_fault_goes_on_every_channel_and_every_number_stays_a_numb
         for name in ("error", "sigma", "nees", "weight", "probability", "validity"):
             columns = [i for n, i in sim.recording.column.items() if name in n.split(".")]
             assert np.isfinite(sim.recording.rows[..., columns]).all(), (name, part)
+
+
+def test_given_the_imu_of_three_axes_then_the_test_that_drives_the_redundant_one_is_refused_with_the_reason():
+    plain = Simulation(scenario(duration=10.0))
+    with pytest.raises(CommandError, match="changes nothing here: three axes do not check each other") as refused:
+        plain.configure(imu_driving_test="parity")
+    assert refused.value.field == "imu_driving_test"
+    plain.configure(imu_driving_test="glt", confirm=2)  # as it is already
+    redundant = Simulation(scenario(duration=10.0, parameters={"inertial": {"configuration": "redundant"}}))
+    assert redundant.configure(imu_driving_test="parity")["imu_driving_test"] == "parity"
 
 
 def test_a_refused_command_changes_nothing_and_says_what_would_be_right():

@@ -256,7 +256,8 @@ def check_star_system(combination: Combination) -> None:
     accused = ever_isolated(sim)
     assert isolated(sim, "imu.accelerometer.3", 30.0, 33.0) == redundant
     assert {subject for subject in accused if subject.startswith("imu")} <= {"imu.accelerometer.3"}
-    assert isolated(sim, "gps", 60.0, 64.0) == (driver != "none")
+    # Three of four epochs confirm; the state form sees the fault a second or two after it came.
+    assert isolated(sim, "gps", 60.0, 65.0) == (driver != "none")
     assert not back_while_faulty(sim, "gps", 60.0, 90.0)
 
     error = np.abs([sim[f"fused.error.position.{part}"] for part in ("east", "north", "up")])

@@ -69,7 +69,7 @@ def test_a_fault_is_injected_changed_and_cleared(flight: Flight) -> None:
     assert flight.get(f"/faults/{fault['id']}") == cleared
     kinds = [event["kind"] for event in flight.get("/events")]
     assert [kind for kind in kinds if kind.startswith("fault.") and kind != "fault.started"] == [
-        "fault.injected", "fault.changed", "fault.cleared"
+        "fault.injected", "fault.changed", "fault.acted", "fault.cleared"
     ]  # fmt: skip
 
 
@@ -165,10 +165,10 @@ def test_a_system_says_all_a_page_needs(client: TestClient) -> None:
     ] == 0.017453292519943295
     ruler = {channel["name"]: channel for channel in system["channels"]}["ruler.position.y"]
     assert ruler["faults"] == {
-        "bias": {"label": "bias", "sentence": "a constant is added", "unit": "m", "parameters": []},
+        "bias": {"label": "bias", "sentence": "a constant is added", "unit": "m", "largest": 1e7, "parameters": []},
         "ramp": {
             "label": "ramp", "sentence": "a drift that grows by the magnitude every second", "unit": "m/s",
-            "parameters": [],
+            "largest": 1e7, "parameters": [],
         },
     }  # fmt: skip
     assert "magnitude" in system["fault_schema"]["properties"]
@@ -181,6 +181,10 @@ def test_one_experiment_that_breaks_down_leaves_others_alone(client: TestClient)
     refused = doomed.ask("POST", "/advance", {"epochs": 20})
 
     assert refused.status_code == 409
+    problem = refused.json()
+    assert (problem["type"], problem["title"]) == ("urn:ftlab:problem:internal-failure", "Internal failure")
+    assert "this is a defect of FTLab" in problem["detail"]
+    assert "kept up to 0.6 s" in problem["detail"]
     clock = doomed.get()["clock"]
     assert (clock["state"], clock["epoch"]) == ("failed", 6)
     assert clock["reason"] == "ArithmeticError: the toy broke, as it was told to"

@@ -23,7 +23,22 @@ REFUSED: list[tuple[str, str, Any, int, str]] = [
     ("POST", "/faults", BIAS | {"kind": "spin"}, 422, "/kind"),
     ("POST", "/faults", {"kind": "bias"}, 422, "/channel"),
     ("POST", "/faults", BIAS | {"channel": "ruler.position.z"}, 409, "/channel"),
-    ("POST", "/faults", BIAS | {"channel": "ruler.position.y", "kind": "stuck"}, 409, "/kind"),
+    ("POST", "/faults", BIAS | {"channel": "ruler.position.y", "kind": "noise"}, 409, "/kind"),
+    ("POST", "/faults", BIAS | {"kind": "stuck"}, 409, "/magnitude"),
+    ("POST", "/faults", {"channel": "ruler.position.x", "kind": "stuck", "magnitude": 0.0}, 409, "/magnitude"),
+    ("POST", "/faults", BIAS | {"rate": 0.1}, 409, "/rate"),
+    ("POST", "/faults", BIAS | {"angular_frequency": 2.0}, 409, "/angular_frequency"),
+    ("POST", "/faults", BIAS | {"start": 0.5}, 409, "/start"),
+    ("POST", "/faults", BIAS | {"start": 61.0}, 409, "/start"),
+    ("POST", "/faults", BIAS | {"end": 1.05}, 409, "/end"),
+    ("POST", "/faults", BIAS | {"start": 2.02, "end": 2.08}, 409, "/end"),
+    ("POST", "/faults", BIAS | {"magnitude": 1e-30}, 409, "/magnitude"),
+    ("POST", "/faults", BIAS | {"kind": "scale-factor", "magnitude": 1e-17}, 409, "/magnitude"),
+    ("POST", "/faults", BIAS | {"kind": "sine", "angular_frequency": 62.83185307179586}, 409, "/angular_frequency"),
+    ("PATCH", "/faults/f1", {"start": 0.5}, 409, "/start"),
+    ("PATCH", "/faults/f1", {"start": 5.0}, 409, "/start"),
+    ("PATCH", "/faults/f1", {"end": 0.5}, 409, "/end"),
+    ("PATCH", "/faults/f1", {"rate": 0.1}, 409, "/rate"),
     ("POST", "/faults", BIAS | {"unit": "deg"}, 409, "/unit"),
     ("POST", "/faults", BIAS | {"start": 3.0, "end": 2.0}, 409, "/end"),
     ("POST", "/faults", BIAS | {"magnitude": 0.0}, 409, "/magnitude"),
@@ -136,6 +151,45 @@ def test_a_document_that_is_no_scenario_is_refused_at_the_place(
     if where is not None:
         assert where in [error["pointer"] for error in answer.json()["errors"]]
     assert client.get(f"{API}/experiments").json() == []
+
+
+@pytest.mark.parametrize(
+    ("method", "what"),
+    [
+        ("GET", "/events?kind=fault.injected"),
+        ("GET", "/score?run=1"),
+        ("GET", "/series?sgnals=gap"),
+        ("GET", "?verbose=1"),
+        ("GET", "/faults?state=active"),
+        ("POST", "/faults?dry=1"),
+        ("PATCH", "/clock?x=1"),
+        ("PATCH", "/settings?x="),
+        ("POST", "/advance?epochs=3"),
+        ("PUT", "/cursor?time=0"),
+        ("DELETE", "/faults?channel=ruler.position.x"),
+        ("DELETE", "?force="),
+    ],
+)
+def test_a_query_parameter_that_a_route_does_not_know_is_refused_with_those_it_does(
+    flight: Flight, method: str, what: str
+) -> None:
+    before = flight.get()
+    answer = flight.ask(method, what, BIAS if what.startswith("/faults?dry") else None)
+    name = what.split("?")[1].split("=")[0]
+    assert answer.status_code == 422, answer.text
+    assert answer.headers["content-type"] == "application/problem+json"
+    error = answer.json()["errors"][0]
+    assert error["parameter"] == name
+    assert ("signals" in error["accepted"]) == what.startswith("/series")
+    assert flight.get() == before
+
+
+def test_every_route_of_the_api_refuses_an_unknown_query_parameter(client: TestClient) -> None:
+    for path, methods in client.get(f"{API}/openapi.json").json()["paths"].items():
+        for method in methods:
+            answer = client.request(method, path.replace("{", "").replace("}", ""), params={"unheard-of": "1"})
+            # What is not there is said first; so is a body that is not sent.
+            assert answer.status_code in (404, 422), (method, path, answer.text)
 
 
 @pytest.mark.parametrize(

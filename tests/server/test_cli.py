@@ -49,7 +49,7 @@ def ftlab(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
 @pytest.fixture
 def short(tmp_path: Path) -> str:
     path = tmp_path / "short.json"
-    path.write_text(Scenario.load("zhang-1992").model_copy(update={"duration": 5.0}).model_dump_json())
+    path.write_text(Scenario.load("zhang-1992").model_copy(update={"duration": 5.0, "faults": ()}).model_dump_json())
     return str(path)
 
 
@@ -226,7 +226,11 @@ def test_where_nothing_can_be_written_nothing_is_flown(ftlab: Command, short: st
 
 def test_a_title_that_reads_like_markup_is_shown_as_it_is(ftlab: Command, tmp_path: Path) -> None:
     path = tmp_path / "marked.json"
-    document = Scenario.load("zhang-1992").model_dump(mode="json") | {"duration": 2.0, "title": "[/bold] [red]A"}
+    document = Scenario.load("zhang-1992").model_dump(mode="json") | {
+        "duration": 2.0,
+        "faults": [],
+        "title": "[/bold] [red]A",
+    }
     path.write_text(json.dumps(document))
     status, told, _ = ftlab("run", str(path))
     assert status == 0

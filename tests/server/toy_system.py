@@ -75,7 +75,7 @@ DESCRIPTION = SystemDescription(
     ),
     subsystems=(Subsystem(name="ruler", label="ruler"),),
     estimators={"fused": "fused"},
-    tests=(Test(name="size", label="size", subjects=("ruler",), dof="1", source="tests"),),
+    tests=(Test(name="size", label="size", subjects=("ruler",), dof="1", source="tests", probability="exact"),),
     signals=(
         Signal(name="fused.error.position.x", label="error", unit="m", group="error"),
         Signal(name="fused.error.angle", label="angle", unit="deg", group="error"),

@@ -37,16 +37,28 @@ class GpsReceiver:
         if p.log is None:
             absent = _absent(PRNS, "it is a satellite of a receiver's log; the simulated receiver sees slots A1 to F4")
             plant: Any = SimulatedPlant(p, noise)
-            return Assembly(plant, Navigator(p, len(runs), EPOCH), Reporter(), TESTS, SUBJECTS, absent=absent)
+            navigator = Navigator(p, len(runs), EPOCH)
+            return Assembly(plant, navigator, Reporter(), TESTS, SUBJECTS, absent=absent, visible=plant.visible)
         log = rinex.read(p.log.observation, p.log.navigation)
         dt = log.interval
-        plant = LogPlant(log, p.log, len(runs))
+        plant = LogPlant(log, p.log, len(runs), p.mask)
         x, y, z = reference(log, p.log).tolist()
         remarks = [*(Remark("log.reading", "gps", note) for note in log.notes), *audit(log, p, (x, y, z))]
         seen = [prn for prn, ranges in zip(PRNS, log.pseudorange.T, strict=True) if np.isfinite(ranges).any()]
         absent = _absent(set(SATELLITES) - set(seen), f"the log has no pseudorange of it; it has {', '.join(seen)}")
         navigator = Navigator(p, len(runs), dt)
-        return Assembly(plant, navigator, Reporter(), TESTS, SUBJECTS, dt, len(log), absent, remarks)
+        return Assembly(
+            plant,
+            navigator,
+            Reporter(),
+            TESTS,
+            SUBJECTS,
+            dt,
+            len(log),
+            absent,
+            visible=plant.visible,
+            remarks=remarks,
+        )
 
     def log_scenario(
         self,

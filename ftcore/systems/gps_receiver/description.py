@@ -5,7 +5,17 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Final
 
-from ftcore.description import Block, Channel, SceneItem, Signal, Subsystem, SystemDescription, Test, Wire
+from ftcore.description import (
+    Block,
+    Channel,
+    SceneItem,
+    Signal,
+    Subsystem,
+    SystemDescription,
+    Test,
+    Wire,
+    with_probabilities,
+)
 from ftcore.faults import ALL_KINDS
 from ftcore.systems.declarations import signals_of_tests
 from ftcore.systems.gps_receiver.charts import charts
@@ -14,6 +24,11 @@ from ftcore.systems.gps_receiver.names import EPOCH, ESTIMATORS, PRNS, SATELLITE
 
 _CODES: Final = "0 consistent, 1 satellites excluded, 2 cannot isolate, 3 cannot detect, 4 no fix"
 _CLASSES: Final = "0 nominal, 1 misleading, 2 hazardously misleading, 3 unavailable"
+
+_STANDS_STILL: Final = (
+    "the filter allows for a receiver that moves (position noise S_p), and the simulated one stands still; "
+    "with S_p = 0 it is exact"
+)
 
 
 def _channels() -> list[Channel]:
@@ -47,9 +62,24 @@ def _tests() -> list[Test]:
     whole = "satellites minus 4; a satellite: 1, and it alarms where the test of all names it"
     filtered = "satellites; a satellite: 1, and it alarms where the test of all names it"
     return [
-        Test(name="snapshot", label="snapshot test", subjects=SUBJECTS, dof=whole, source="Chey 2004 (9)-(12)"),
         Test(
-            name="innovation", label="innovation test", subjects=SUBJECTS, dof=filtered, source="Chey 2004, section 3"
+            name="snapshot",
+            label="snapshot test",
+            subjects=SUBJECTS,
+            dof=whole,
+            source="Chey 2004 (9)-(12)",
+            probability="exact",
+            probability_note="a satellite alarms only where the whole does and names it, at an eighth of the stated "
+            "probability",
+        ),
+        Test(
+            name="innovation",
+            label="innovation test",
+            subjects=SUBJECTS,
+            dof=filtered,
+            source="Chey 2004, section 3",
+            probability="bounded",
+            probability_note=f"alarms at 0.7 of the stated probability: {_STANDS_STILL}",
         ),
         Test(
             name="parity",
@@ -58,6 +88,7 @@ def _tests() -> list[Test]:
             dof="satellites minus 4",
             source="Sturza; equal to the snapshot test (Brown 1992)",
             may_drive=False,
+            probability="exact",
         ),
         Test(
             name="agreement",
@@ -66,6 +97,8 @@ def _tests() -> list[Test]:
             dof="4: position and clock",
             source="FTLab: what resets the combined filter",
             may_drive=False,
+            probability="bounded",
+            probability_note=f"alarms at 0.3 to 0.6 of the stated probability: {_STANDS_STILL}",
         ),
     ]
 
@@ -170,6 +203,7 @@ def _scene() -> list[SceneItem]:
 @lru_cache(maxsize=1)
 def description() -> SystemDescription:
     """The whole description."""
+    tests = tuple(_tests())
     return SystemDescription(
         id="gps-receiver",
         title="GPS receiver with integrity",
@@ -182,9 +216,9 @@ def description() -> SystemDescription:
         channels=tuple(_channels()),
         subsystems=(Subsystem(name="gps", label="GPS"),),
         estimators=ESTIMATORS,
-        tests=tuple(_tests()),
+        tests=tests,
         signals=tuple(_signals()),
-        charts=tuple(charts()),
+        charts=with_probabilities(tuple(charts()), tests),
         blocks=tuple(_blocks()),
         wires=tuple(_wires()),
         scene=tuple(_scene()),

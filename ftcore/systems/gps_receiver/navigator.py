@@ -8,6 +8,7 @@ how large an error could hide.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXC
 from ftcore.estimation import kalman, least_squares
 from ftcore.estimation.least_squares import Fix
 from ftcore.readings import Readings
-from ftcore.systems.base import Controls, Flags, Notice, Output
+from ftcore.systems.base import Controls, Flags, LeftOut, Notice, Output
 from ftcore.systems.gps_receiver import bank as filters
 from ftcore.systems.gps_receiver import snapshot as snapshots
 from ftcore.systems.gps_receiver.bank import COMBINED, FILTER, PLACE, UNPROTECTED, Bank
@@ -167,8 +168,20 @@ class Navigator:
             *_health(decision, after.status, trusted, columns),
             _notices(state.status, after.status, reset, agreement),
             detail,
+            left_out=self._below_mask(readings, place, state.place.known),
         )
         return after, output
+
+    def _below_mask(self, readings: Readings, place: Place, known: Flags) -> dict[str, LeftOut]:
+        """What of a log is never looked at; the simulated receiver does not even hear it.
+
+        A first fix, where the place is not ``known (runs,)`` before, looks at all there are.
+        """
+        if self._p.log is None:
+            return {}
+        seen = least_squares.geometry(place.position_e, place.C_en, readings.aiding["satellites"])
+        low = least_squares.elevation(seen.unit_n) <= math.radians(self._p.mask)
+        return {"gps.pseudorange": LeftOut(low & known[:, None], "the satellite is below the elevation mask")}
 
     def _restarted(
         self, bank: Bank, fixes: Fix, offset: Array, lost: Flags, differs: Flags, snapshot: Snapshot

@@ -67,6 +67,16 @@ class SimulatedPlant:
         groups = {"gps.pseudorange": Group(values, valid, np.asarray(now))}
         return PlantState(clock), self._truth, Readings(now, groups, aiding)
 
+    def visible(self, channel: str, start: float, end: float) -> bool:
+        """See :attr:`ftcore.systems.base.Assembly.visible`."""
+        part = channel.rsplit(".", 1)[-1]
+        if part not in SLOTS:
+            return True
+        times = np.linspace(start, end, 2 + int((end - start) / constellation.LOOKS))
+        lla = earth.ecef_to_geodetic(self._truth.position_e[0])
+        since = self._p.receiver.constellation_time + times
+        return constellation.may_be_visible(SLOTS.index(part), lla, since, self._p.mask)
+
 
 class LogPlant:
     """See :class:`ftcore.systems.base.Plant`. Plays a receiver's log, one of its epochs an epoch.
@@ -76,8 +86,9 @@ class LogPlant:
     goes back to. After the log's end there are no readings.
     """
 
-    def __init__(self, log: rinex.ObservationLog, p: Log, runs: int) -> None:
+    def __init__(self, log: rinex.ObservationLog, p: Log, runs: int, mask: float = 0.0) -> None:
         self._log = log
+        self._mask = mask
         self._runs = runs
         self._truth = standing(reference(log, p))
         self._pseudorange = held(log.pseudorange)
@@ -106,6 +117,23 @@ class LogPlant:
         values = np.repeat(values, self._runs, axis=0)
         groups = {"gps.pseudorange": Group(values, valid, np.asarray(now))}
         return state, self._truth, Readings(now, groups, aiding)
+
+    def visible(self, channel: str, start: float, end: float) -> bool:
+        """See :attr:`ftcore.systems.base.Assembly.visible`: the log has a pseudorange of it, above the mask by 2 deg.
+
+        The navigator puts the mask at its own position; the antenna's may be wrong by what this allows for, 200 km.
+        """
+        part = channel.rsplit(".", 1)[-1]
+        if part not in PRNS:
+            return True
+        log, column = self._log, PRNS.index(part)
+        rows = slice(max(0, round(start / log.interval) - 1), max(0, round(end / log.interval)))
+        there = np.isfinite(log.pseudorange[rows, column])
+        if not there.any():
+            return False
+        at = log.satellites[rows, column][there]
+        elevation = constellation.seen_from(self._truth.position_e[0], self._truth.C_en[0], at).elevation
+        return bool((elevation > math.radians(self._mask - 2.0)).any())
 
 
 def held(values: Array) -> Array:

@@ -63,4 +63,5 @@ class RedundantImu:
             plant, law = Plant(p, cluster.H, noise), augmentation(believed, p.flight, wanted)
         alignment = plant.alignment()
         navigator = Navigator(p, cluster, flight_model(believed), law, alignment)
-        return Assembly(plant, navigator, Reporter(cluster, p.gyros.noise, alignment[0]), TESTS, SUBJECTS)
+        reporter = Reporter(cluster, p.gyros.noise, alignment[0])
+        return Assembly(plant, navigator, reporter, TESTS, SUBJECTS, foresees=p.plant != "jsbsim")

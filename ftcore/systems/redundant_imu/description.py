@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from ftcore.description import Channel, Signal, Subsystem, SystemDescription, Test
+from ftcore.description import (
+    Channel,
+    Probability,
+    Signal,
+    Subsystem,
+    SystemDescription,
+    Test,
+    with_probabilities,
+)
 from ftcore.faults import ALL_KINDS
 from ftcore.systems.declarations import signals_of_tests, used_signals
 from ftcore.systems.redundant_imu.charts import charts
@@ -37,14 +45,23 @@ _AIR = {
     "beta": ("Angle of sideslip", "deg", 3.0),
     "height": ("Height", "m", 30.0),
 }
-_DOF = {
-    "parity": ("3", "Kim 2005 (29)-(32)"),
-    "parity-trusted": ("3 with all gyros, 1 with two", "Kim 2005 (29)-(32)"),
-    "isolation-angle": ("an angle, not a statistic", "Kim 2005 section 4.1"),
-    "fault-plane": ("1", "FTLab: the angle as a statistic"),
-    "glt": ("1", "Daly, Gai and Harrison"),
-    "optimal-parity": ("2", "Jin and Zhang, for two axes"),
-    "ukf": ("2", "Kim 2005 (48)-(49)"),
+# Degrees of freedom, source, what the false-alarm probability is.
+_OF_TEST: dict[str, tuple[str, str, Probability]] = {
+    "parity": ("3", "Kim 2005 (29)-(32)", "exact"),
+    "parity-trusted": ("3 with all gyros, 1 with two", "Kim 2005 (29)-(32)", "exact"),
+    "isolation-angle": ("an angle, not a statistic", "Kim 2005 section 4.1", "bounded"),
+    "fault-plane": ("1", "FTLab: the angle as a statistic", "bounded"),
+    "glt": ("1", "Daly, Gai and Harrison", "bounded"),
+    "optimal-parity": ("2", "Jin and Zhang, for two axes", "bounded"),
+    "ukf": ("2", "Kim 2005 (48)-(49)", "approximate"),
+}
+
+_NOTES = {
+    "isolation-angle": "a gyro alarms only where FD does and points at it, at a quarter of the stated probability",
+    "fault-plane": "a gyro alarms only where FD does and points at it, at 0.5 to 0.9 of the stated probability",
+    "glt": "a gyro alarms only where FD does and no other explains it as well, at 0.06 of the stated probability",
+    "optimal-parity": "a gyro alarms only where no other explains it as well, at 0.06 of the stated probability",
+    "ukf": "it runs after an alarm only, and its model of the aircraft is wrong by a few per cent: not measured",
 }
 
 
@@ -83,7 +100,7 @@ def _channels() -> list[Channel]:
 def _tests() -> list[Test]:
     found = []
     for name, label in TEST_LABELS.items():
-        dof, source = _DOF[name]
+        dof, source, probability = _OF_TEST[name]
         below = name in ("isolation-angle", "fault-plane")
         found.append(
             Test(
@@ -96,6 +113,8 @@ def _tests() -> list[Test]:
                 unit="deg" if name == "isolation-angle" else "1",
                 alarm_when="below" if below else "above",
                 reference=("air",) if name == "ukf" else (),
+                probability=probability,
+                probability_note=_NOTES.get(name, ""),
             )
         )
     return found
@@ -150,6 +169,7 @@ def _signals() -> list[Signal]:
 @lru_cache(maxsize=1)
 def description() -> SystemDescription:
     """The whole description."""
+    tests = tuple(_tests())
     return SystemDescription(
         id="redundant-imu",
         title="Redundant IMU on an F-16",
@@ -168,9 +188,9 @@ def description() -> SystemDescription:
             Subsystem(name=AIR, label="Air data", isolable=False),
         ),
         estimators=ESTIMATORS,
-        tests=tuple(_tests()),
+        tests=tests,
         signals=tuple(_signals()),
-        charts=tuple(charts()),
+        charts=with_probabilities(tuple(charts()), tests),
         blocks=tuple(blocks()),
         wires=tuple(wires()),
         scene=tuple(scene()),

@@ -174,8 +174,8 @@ class Settings(Supervised):
         "isolation: one that the supervisor has isolated has no weight until it is readmitted, and a star tracker that "
         "jumped away is not before it has jumped back, or for two and a half minutes",
     )
-    confirm: int = CONFIRM
-    within: int = WITHIN
+    confirm: int = Field(default=3, ge=1, le=20, title="Confirm, m", description=CONFIRM.description)
+    within: int = Field(default=4, ge=1, le=20, title="of n epochs", description=WITHIN.description)
     hold_off: int = hold_off(5, "epochs in a row without an alarm before re-admission")
     recovery: Literal["fused", "both", "none"] = Field(
         default="fused",

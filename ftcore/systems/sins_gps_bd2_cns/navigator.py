@@ -27,7 +27,7 @@ from ftcore.systems.base import Controls, Flags, Notice, Output
 from ftcore.systems.sins_gps_bd2_cns import bank, exclusion, measurements
 from ftcore.systems.sins_gps_bd2_cns import branch as fault_tolerant
 from ftcore.systems.sins_gps_bd2_cns import federation as federated_master
-from ftcore.systems.sins_gps_bd2_cns.branch import Branch, Examined, Measured, Motion
+from ftcore.systems.sins_gps_bd2_cns.branch import STARS, Branch, Examined, Measured, Motion
 from ftcore.systems.sins_gps_bd2_cns.federation import FederationState
 from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.imu import Epoch as ImuEpoch
@@ -41,6 +41,8 @@ Array = NDArray[np.float64]
 N = ins_error.CORE_STATES
 BIASES = slice(9, 15)
 DECAYING = np.arange(9, 15)
+LEARNING = 30.0
+"""Seconds in which the filters take a constant error of a gyro for its drift."""
 
 
 @dataclass(frozen=True)
@@ -52,17 +54,22 @@ class NavigatorState:
         bias: gyro drift and accelerometer bias that the strapdown subtracts, ``(runs, S, 6)``.
         learned, reach: of the protected strapdown, by how much what was learned has turned it ``(runs, 3)`` [rad], and
             how its attitude answers to the data sheet of the gyros ``(runs, 3, 6)``; see :class:`Motion`.
+        usual: body rates of late ``(runs, 3)`` [rad/s]: what their scale factors make of them is taken for gyro drift.
+        turned: what scale factors of 1-sigma have turned the attitude by, as far as star fixes have not taken it away
+            ``(runs, 3, 6)`` [rad]: at the rates flown, and through the drift that was learned at the usual ones.
         main, conventional: fault-tolerant filters with IMM and without.
         unprotected: IMM of all aids without any test, ``(runs, 2, ...)``.
         alone: IMMs of one aid each, ``(runs, 3, 2, ...)``.
         federation: the federated master, where it is chosen.
-        turned, corrected: epochs since the propagators took turns, since the strapdown was corrected.
+        alternated, corrected: epochs since the propagators took turns, since the strapdown was corrected.
     """
 
     ins: InsState
     bias: Array
     learned: Array
     reach: Array
+    usual: Array
+    turned: Array
     imu: ImuState
     main: Branch
     conventional: Branch
@@ -70,7 +77,7 @@ class NavigatorState:
     alone: Mixture
     supervisor: supervisor.State
     federation: FederationState | None
-    turned: int
+    alternated: int
     corrected: int
 
 
@@ -109,6 +116,8 @@ class Navigator:
             bias=np.zeros((runs, S, 6)),
             learned=np.zeros((runs, 3)),
             reach=np.zeros((runs, 3, 6)),
+            usual=np.zeros((runs, 3)),
+            turned=np.zeros((runs, 3, 6)),
             imu=self._imu.initial(),
             main=fault_tolerant.start(x, P, self._mu),
             conventional=fault_tolerant.start(x, P, np.ones(1)),
@@ -116,7 +125,7 @@ class Navigator:
             alone=Mixture(*(np.repeat(v[:, None], len(AIDS), axis=1) for v in (start.x, start.P, start.log_mu))),
             supervisor=supervisor.start(runs, len(AIDS)),
             federation=None,
-            turned=0,
+            alternated=0,
             corrected=0,
         )
 
@@ -148,7 +157,7 @@ class Navigator:
         unprotected = imm.update(unprotected, m_u.y, m_u.H, m_u.R, m_u.valid)[0]
         alone = self._update_alone(alone, m)
 
-        supervision, decision = exclusion.decide(state.supervisor, examined, m, controls, rules)
+        supervision, decision = exclusion.decide(state.supervisor, examined, m, state.turned, controls, rules)
         federation = state.federation
         if federation is not None:
             used = decision.use & examined.driving.present
@@ -173,16 +182,18 @@ class Navigator:
                 np.where(forgotten[:, None], known.x, fused.x), np.where(forgotten[:, None, None], known.P, fused.P)
             )
 
-        turned, corrected = state.turned + 1, state.corrected + 1
-        if turned >= settings.propagator_period:
+        age, corrected = state.alternated + 1, state.corrected + 1
+        if age >= settings.propagator_period:
             main = fault_tolerant.alternate(main, fused.x, fused.P)
             conventional = fault_tolerant.alternate(conventional, plain_fusion.x, plain_fusion.P)
-            turned = 0
+            age = 0
         after = NavigatorState(
             ins,
             state.bias * math.exp(-EPOCH / self._p.models.bias_time),
             state.learned,
             state.reach,
+            state.usual,
+            exclusion.kept(state.turned, examined, m),
             imu_state,
             main,
             conventional,
@@ -190,7 +201,7 @@ class Navigator:
             alone,
             supervision,
             federation,
-            turned,
+            age,
             corrected,
         )
         estimates = (
@@ -226,7 +237,14 @@ class Navigator:
         omega_b = imu.omega_b[:, 0].mean(axis=1)
         step = np.concatenate([C_nb @ self._gyro_bias, C_nb * (self._scale_factor * omega_b)[:, None]], axis=-1)
         learned = state.learned + np.matvec(C_nb, state.bias[:, 0, :3])
-        return replace(state, learned=learned, reach=state.reach + step)
+        at_usual = C_nb * (self._scale_factor * state.usual)[:, None]
+        return replace(
+            state,
+            learned=learned,
+            reach=state.reach + step,
+            usual=state.usual + (omega_b - state.usual) * (EPOCH / LEARNING),
+            turned=state.turned + np.concatenate([step[..., 3:], at_usual], axis=-1),
+        )
 
     def _density(self, interval: Interval, body: Array) -> Array:
         """Spectral density ``(runs S or 1, 15, 15)`` of Q_small: white noise of the IMU, and what drives its biases."""
@@ -358,7 +376,7 @@ class Navigator:
 
 def _raw(state: NavigatorState, m: Measured) -> Array:
     """The raw inertial attitude against the star tracker, ``(runs, 3)``; see :class:`Motion`."""
-    rows = fault_tolerant.LAYOUT.slices[fault_tolerant.STARS]
+    rows = fault_tolerant.LAYOUT.slices[STARS]
     turn = np.linalg.solve(m.H[:, rows, ins_error.ATTITUDE], m.y[:, rows, None])[..., 0]
     seen = m.valid[:, rows].all(axis=-1, keepdims=True)
     return np.where(seen, turn + state.learned, np.nan)

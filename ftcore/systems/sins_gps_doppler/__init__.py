@@ -35,4 +35,4 @@ class SinsGpsDoppler:
         cluster = Navigator.geometry(parameters)
         plant = Plant(parameters, cluster.H, duration, noise)
         navigator = Navigator(parameters, cluster, len(runs), plant.alignment(), plant.calibration())
-        return Assembly(plant, navigator, Reporter(cluster), TESTS, SUBJECTS)
+        return Assembly(plant, navigator, Reporter(cluster), TESTS, SUBJECTS, visible=plant.visible)

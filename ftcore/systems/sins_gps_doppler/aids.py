@@ -75,8 +75,9 @@ def gps(a: Aiding, ins: InsState, readings: Readings, runs: int, enabled: bool) 
 def doppler(a: Aiding, ins: InsState, readings: Readings, runs: int, enabled: bool) -> Aid:
     """Doppler rows, body axes; ``ins`` leads with ``(2 runs,)``."""
     group = readings["doppler.velocity"]
-    measurement = measurements.doppler(ins, np.repeat(np.nan_to_num(group.values), 2, axis=0))
     valid = group.valid & enabled
+    values = np.nan_to_num(np.where(valid, group.values, 0.0))
+    measurement = measurements.doppler(ins, np.repeat(values, 2, axis=0))
     R = np.full((1, 1, 3), a.doppler**2)
     return Aid(measurement.y.reshape(runs, 2, 3), measurement.H.reshape(runs, 2, 3, -1), R, valid, valid, np.arange(3))
 

@@ -6,10 +6,12 @@ from functools import lru_cache
 
 from ftcore.description import (
     Channel,
+    Probability,
     Signal,
     Subsystem,
     SystemDescription,
     Test,
+    with_probabilities,
 )
 from ftcore.faults import ALL_KINDS
 from ftcore.systems.declarations import (
@@ -38,6 +40,8 @@ from ftcore.systems.sins_gps_doppler.names import (
     subject_label,
 )
 from ftcore.systems.sins_gps_doppler.pictures import blocks, scene, wires
+
+_GLR = "the largest of many likelihood ratios, as if they were independent (Sidak)"
 
 
 def _channels() -> list[Channel]:
@@ -88,16 +92,25 @@ def _aid(
 
 def _tests() -> list[Test]:
     aids = tuple(AIDS)
-    rows = (
-        ("residual", "number of measurements", "Zhang 1992 (56)-(57)"),
-        ("state", "rank of P2 - P1", "Zhang 1992 (48)-(52), rank-aware"),
-        ("two-propagator", "number of measurements", "Yang 2016, innovation form"),
-        ("glr", "1 for each onset and channel", "Willsky and Jones"),
-        ("cusum", "1 (normal scores of the residual statistic)", "Page; Brook and Evans"),
+    rows: tuple[tuple[str, str, str, Probability, str], ...] = (
+        ("residual", "number of measurements", "Zhang 1992 (56)-(57)", "exact", ""),
+        ("state", "rank of P2 - P1", "Zhang 1992 (48)-(52), rank-aware", "exact", ""),
+        ("two-propagator", "number of measurements", "Yang 2016, innovation form", "exact", ""),
+        ("glr", "1 for each onset and channel", "Willsky and Jones", "bounded", _GLR),
+        ("cusum", "1 (normal scores of the residual statistic)", "Page; Brook and Evans", "exact", ""),
     )
     found = [
-        Test(name=n, label=TEST_LABELS[n], subjects=aids, dof=dof, source=source, reference=("imu", "altimeter"))
-        for n, dof, source in rows
+        Test(
+            name=n,
+            label=TEST_LABELS[n],
+            subjects=aids,
+            dof=dof,
+            source=source,
+            reference=("imu", "altimeter"),
+            probability=probability,
+            probability_note=note,
+        )
+        for n, dof, source, probability, note in rows
     ]
     found += declared_imu_tests(TEST_LABELS, TESTS)
     found.append(
@@ -108,6 +121,7 @@ def _tests() -> list[Test]:
             dof="1 while an instrument is out; none while all are trusted",
             source="Kim 2005 (29)-(32)",
             may_drive=False,
+            probability="exact",
         )
     )
     found.append(
@@ -118,6 +132,7 @@ def _tests() -> list[Test]:
             dof="ranges minus unknowns, and rates minus as many; none while it is off",
             source="Chey 2004; Brown 1992",
             may_drive=False,
+            probability="exact",
         )
     )
     found.append(
@@ -127,6 +142,7 @@ def _tests() -> list[Test]:
             subjects=(ALTIMETER,),
             dof="1",
             source="FTLab: innovation before it damps the strapdown",
+            probability="exact",
         )
     )
     return found
@@ -173,6 +189,7 @@ def _signals() -> list[Signal]:
 @lru_cache(maxsize=1)
 def description() -> SystemDescription:
     """The whole description."""
+    tests = tuple(_tests())
     return SystemDescription(
         id="sins-gps-doppler",
         title="SINS/GPS/Doppler federated system",
@@ -189,9 +206,9 @@ def description() -> SystemDescription:
             Subsystem(name="altimeter", label="Altimeter"),
         ),
         estimators=ESTIMATORS,
-        tests=tuple(_tests()),
+        tests=tests,
         signals=tuple(_signals()),
-        charts=tuple(charts()),
+        charts=with_probabilities(tuple(charts()), tests),
         blocks=tuple(blocks()),
         wires=tuple(wires()),
         scene=tuple(scene()),

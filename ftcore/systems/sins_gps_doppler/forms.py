@@ -10,6 +10,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from ftcore.detection import cusum
 from ftcore.systems.base import Form
 from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, mounting, quantity
 from ftcore.world.trajectory import Segment, Straight
@@ -93,7 +94,7 @@ class Settings(Supervised):
         title="Driven by",
         description="the test whose alarms exclude GPS or Doppler; the others watch. none: nobody is excluded",
     )
-    false_alarm_probability: float = false_alarm_probability()
+    false_alarm_probability: float = false_alarm_probability(most=cusum.MOST_P_FA)
     confirm: int = CONFIRM
     within: int = WITHIN
     hold_off: int = hold_off(5, "epochs in a row that must pass the admission test before re-admission")
@@ -128,8 +129,8 @@ class Settings(Supervised):
     )
     gps_share: float = Field(
         default=0.5,
-        gt=0.0,
-        lt=1.0,
+        ge=0.001,
+        le=0.999,
         title="GPS share",
         description="1/r of the SINS/GPS filter; the Doppler filter has the rest (28)",
         json_schema_extra={"unit": "1"},

@@ -317,10 +317,9 @@ class Navigator:
         discrepancy = np.full((runs, len(SLOTS)), np.nan)
         residual = gps.y[:, 0, :n] - np.matvec(gps.H[:, 0, :n], fused.x)
         discrepancy[:, gps.columns[:n]] = np.where(there, residual, np.nan)
-        group = readings["doppler.velocity"]
+        reading = np.where(doppler.present, readings["doppler.velocity"].values, np.nan)
         output, _ = federated.failed_output(fused, doppler.H[:, 0])
-        indicated = doppler.y[:, 0] + np.nan_to_num(group.values)
-        reading = np.where(group.valid, group.values, np.nan)
+        indicated = doppler.y[:, 0] + np.nan_to_num(reading)
         return Detail(
             ins=two,
             x=filters.x[:, shown, :9],

@@ -18,7 +18,7 @@ from ftcore.sensors import altimeter, doppler, gnss
 from ftcore.sensors.inertial import AxisCluster
 from ftcore.systems.reporting import Truth
 from ftcore.systems.sins_gps_doppler.forms import Flight, Parameters
-from ftcore.systems.sins_gps_doppler.names import EPOCH
+from ftcore.systems.sins_gps_doppler.names import EPOCH, SLOTS
 from ftcore.world import constellation
 from ftcore.world.path import Path
 from ftcore.world.trajectory import Straight, plan
@@ -108,6 +108,19 @@ class Plant:
         }
         aiding = {"satellites": position, "velocities": velocity}
         return PlantState(clock), truth, Readings(now, groups, aiding)
+
+    def visible(self, channel: str, start: float, end: float) -> bool:
+        """See :attr:`ftcore.systems.base.Assembly.visible`."""
+        sensor, _, part = channel.split(".")
+        if sensor != "gps" or part not in SLOTS:
+            return True
+        times = np.linspace(start, end, 2 + int((end - start) / constellation.LOOKS))
+        f = self._p.flight
+        lla = np.array([math.radians(f.latitude), math.radians(f.longitude), f.height])
+        fastest = max([f.speed, *(getattr(segment, "speed", 0.0) or 0.0 for segment in f.segments)])
+        p = self._p.aiding
+        since = p.constellation_time + times
+        return constellation.may_be_visible(SLOTS.index(part), lla, since, p.mask, fastest * times)
 
     def alignment(self) -> InsState:
         """What the navigator is told at the start: the truth with the alignment's errors, ``(runs, ...)``."""

@@ -1,6 +1,6 @@
 """System A: a fault of the altimeter is named, harms nobody else, and leaves nothing behind. Over many runs.
 
-What 000 has not: its altimeter is believed whatever it reads. `zhang-1992-visible` without its own faults, and with.
+What Zhang 1992 has not: its altimeter is believed whatever it reads. `zhang-1992-visible` with and without its faults.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """System A: a fault of the altimeter is named, harms nobody else, and leaves nothing behind. Over many runs.
 
-Zhang 1992 believes the altimeter whatever it reads. The scenario: `zhang-1992-visible`, with its faults and without.
+What Zhang 1992 has not: its altimeter is believed whatever it reads. `zhang-1992-visible` with and without its faults.
 """
 
 from __future__ import annotations

@@ -283,7 +283,7 @@ class Simulation:
             self.description,
             self._channels,
             self.acted,
-            self._state.deeds.silent,
+            {str(live.fault.id): live.silent_because for live in self.faults},
             self.first_run,
         )
 

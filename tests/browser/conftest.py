@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -22,6 +23,8 @@ CHROMIUM = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
 )
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-background-networking"]
+SCENE = re.compile(r"/experiments/[^/]+/scene/(\?.*)?$")
+NO_SCENE = "<!doctype html><title>no scene</title><div id='root'></div>"
 expect.set_options(timeout=60_000)
 """For what never comes, not for what comes late: no test says how fast a machine is."""
 
@@ -98,8 +101,14 @@ def plain(browser: Browser, base: str) -> Iterator[Page]:
 
 
 @pytest.fixture
-def lab(context: BrowserContext, base: str) -> Iterator[Lab]:
-    """The page as it opens for the first time; afterwards its experiments are deleted and its console must be clean."""
+def lab(context: BrowserContext, base: str, request: pytest.FixtureRequest) -> Iterator[Lab]:
+    """The page as it opens for the first time; afterwards its experiments are deleted and its console must be clean.
+
+    Tests marked `scene` have the 3-D scene. The others have an empty frame in its place: drawn in software, it takes
+    most of the time of a test that is about something else.
+    """
+    if request.node.get_closest_marker("scene") is None:
+        context.route(SCENE, lambda route: route.fulfill(content_type="text/html", body=NO_SCENE))
     opened = Lab(context.new_page(), base)
     opened.open()
     yield opened

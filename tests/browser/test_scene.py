@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
 from playwright.sync_api import expect
 
 from .lab import Lab
+
+pytestmark = pytest.mark.scene
 
 OVERLAPPING = """(selector) => {
   const all = [...document.querySelectorAll(selector)].map((e) => [e.textContent, e.getBoundingClientRect()]);

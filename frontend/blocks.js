@@ -52,6 +52,8 @@ function composed(name, state, width, height) {
   const stateSize = STATE_SIZES[STATE_SIZES.length - 1];
   const lines = wrapped(state, width, `${stateSize}px`);
   const most = Math.max(1, Math.floor((height - used) / (stateSize + LEADING)));
+  // A block too low for its name, without a state, has nothing that could be cut.
+  if (lines.length <= most) return { ...title, state: lines, stateSize, cut: false };
   const shown = lines.slice(0, most);
   shown[most - 1] = `${shown[most - 1].slice(0, -1)}…`;
   return { ...title, state: shown, stateSize, cut: true };

@@ -26,8 +26,8 @@ export class Scene extends Panel {
   #paced = null;
   /** @type {string | null} */
   #wanted = null;
-  /** What the legend tells of. */
-  #told = '';
+  /** What the legend tells of; null where it is to be told anew. @type {string | null} */
+  #told = null;
   /** Families whose names are shown by a press. @type {Set<string>} */
   #chosen = new Set();
   /** Which of the system's pictures is shown. */
@@ -71,7 +71,7 @@ export class Scene extends Panel {
     fill(this.pictures ?? this, ...(all.length > 1 ? all : []).map((picture) =>
       h('button', { class: 'mini', 'aria-pressed': String(picture === this.#picture), onclick: () => this.#show(picture) }, picture)));
     this.labels?.offer(items.filter((item) => item.picture === this.#picture));
-    this.#told = '';
+    this.#told = null;
     this.#tell();
   }
 

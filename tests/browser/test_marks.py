@@ -108,7 +108,7 @@ def test_a_limit_far_away_does_not_flatten_the_lines(lab: Lab) -> None:
     limit = chart.locator(".legend .line", has_text="alert limit").locator(".value")
     top = "e => e.querySelector('.plot')._fullLayout.yaxis.range[1]"
     lab.fly_until(20.0)
-    expect(limit).to_have_text("120")
+    expect(limit).to_have_text("120.0")
     assert chart.evaluate(top) > 120.0
     lab.page.evaluate(FARTHER, "protection.alert")
     expect(limit).to_have_text("12000 ↑")

@@ -108,5 +108,8 @@ def test_the_scene_offers_its_pictures(gyros: Lab) -> None:
     with gyros.page.expect_request("**/cursor") as asked:
         pictures.filter(has_text="Flight paths").click()
     assert asked.value.post_data_json["picture"] == "Flight paths"
-    expect(gyros.page.locator("ft-scene .legend")).to_contain_text("healthy twin")
-    expect(gyros.page.locator("ft-scene .legend")).not_to_contain_text("fault plane")
+    legend = gyros.page.locator("ft-scene .legend")
+    expect(legend).not_to_contain_text("gyro 1")
+    gyros.fly_until(1.0)
+    expect(legend).to_contain_text("healthy twin")
+    expect(legend).not_to_contain_text("fault plane")

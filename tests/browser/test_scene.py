@@ -26,6 +26,7 @@ def test_the_scene_is_drawn_and_the_viewers_panel_is_hidden(lab: Lab) -> None:
     expect(names.first).to_be_visible()
     assert lab.page.evaluate(OVERLAPPING, "ft-scene .name") == []
     legend = lab.page.locator("ft-scene .legend")
+    lab.fly_until(2.0)
     expect(legend).to_contain_text("satellites")
     expect(legend).not_to_contain_text("faulted")
     lab.page.get_by_label("Names in the scene").select_option("none")

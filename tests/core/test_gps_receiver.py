@@ -10,7 +10,7 @@ from scipy.stats import binom, chi2
 
 from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXCLUDED, NO_FIX
-from ftcore.faults import KINDS
+from ftcore.faults import KINDS, largest
 from ftcore.systems.gps_receiver.names import ESTIMATORS, SLOTS
 from tests.faulting import lay, sized
 
@@ -127,7 +127,7 @@ def test_given_any_schedule_then_nothing_crashes_and_what_must_be_a_number_is_on
     for epoch in range(26):
         for channel, kind, magnitude, start, length in faults:
             if start == epoch:
-                size = min(magnitude, 10.0) if kind == "delay" else magnitude
+                size = min(magnitude, largest(kind, "m") or magnitude)
                 lay(sim, sized(channel, kind, size, end=None if length is None else sim.now + length))
         if outage and epoch in (8, 12):
             sim.switch("gps", epoch == 12)

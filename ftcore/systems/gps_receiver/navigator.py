@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ftcore import earth
 from ftcore.detection import chi_square, raim, supervisor
 from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXCLUDED, NO_FIX, Consistency, Isolation
 from ftcore.estimation import kalman, least_squares
@@ -179,7 +180,9 @@ class Navigator:
         """
         if self._p.log is None:
             return {}
-        seen = least_squares.geometry(place.position_e, place.C_en, readings.aiding["satellites"])
+        # Neither an unknown place nor a satellite without an orbit has a direction.
+        anywhere = np.where(known[:, None], place.position_e, np.array([earth.A, 0.0, 0.0]))
+        seen = least_squares.geometry(anywhere, place.C_en, readings.aiding["satellites"])
         low = least_squares.elevation(seen.unit_n) <= math.radians(self._p.mask)
         return {"gps.pseudorange": LeftOut(low & known[:, None], "the satellite is below the elevation mask")}
 

@@ -12,6 +12,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from ftcore import Scenario, Simulation, threads
+from ftcore.commands import FlightError
 from ftcore.threads import one_blas_thread
 
 REPOSITORY = Path(__file__).parents[2]
@@ -89,7 +90,7 @@ def test_one_thread_flies_and_the_others_are_given_back_by_whoever_leaves_last(m
     seen: list[list[int]] = []
     monkeypatch.setattr(simulation, "_fly", lambda *_: seen.append(used()) or _stop())
     for look in (simulation.step, simulation.advance):
-        with pytest.raises(InterruptedError):
+        with pytest.raises(FlightError):
             look()
     assert seen == [[1, 1, 1]] * 2
     assert used() == [8, 3, 1]

@@ -242,7 +242,8 @@ def check(fault: Fault, channels: Mapping[str, ChannelAddress]) -> None:
     if most is not None and abs(fault.magnitude) > most * (1.0 + 1e-9):
         unit = fault.unit or info.unit(channel.unit)
         what = "delay" if fault.kind == "delay" else f"{fault.kind} here"
-        raise FaultError("magnitude", f"a {what} may be at most {most:.6g} {unit}, not {fault.magnitude:g} {unit}")
+        unit = "" if unit in (None, "1") else f" {unit}"
+        raise FaultError("magnitude", f"a {what} may be at most {most:.6g}{unit}, not {fault.magnitude:.9g}{unit}")
 
 
 def largest(kind: Kind, channel_unit: str, unit: str | None = None) -> float | None:

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
-from ftcore.faults import KINDS
+from ftcore.faults import KINDS, largest
 from tests.faulting import lay, sized
 
 VISIBLE = Scenario.load("zhang-1992-visible")
 DESCRIPTION = catalogue.system("sins-gps-doppler")
 CHANNELS = [c.name for c in DESCRIPTION.channels]
+UNITS = {c.name: c.unit for c in DESCRIPTION.channels}
 
 
 def same(a, b):
@@ -205,8 +206,7 @@ def fly_schedule(schedule):
     for epoch in range(30):
         for channel, kind, magnitude, start, length in faults:
             if start == epoch:
-                if kind == "delay":
-                    magnitude = min(magnitude, 10.0)
+                magnitude = min(magnitude, largest(kind, UNITS[channel]) or magnitude)
                 end = None if length is None else sim.now + length
                 lay(sim, sized(channel, kind, magnitude, end=end))
         for at, name, on in switches:

@@ -48,6 +48,6 @@ def test_pages_made_of_data_are_drawn_without_a_word_of_complaint(server: Served
         flight = Flight(client)
         flight.advance(epochs=50)
         page.goto(server.base + (what if what == "/docs" else f"{flight.path}/report"))
-        page.wait_for_selector("#injectFault" if what == "/docs" else "#charts .js-plotly-plot", timeout=120.000)
+        page.wait_for_selector("#injectFault" if what == "/docs" else "#charts .js-plotly-plot", timeout=120_000)
     assert page.foreign == []
     assert page.wrong == []

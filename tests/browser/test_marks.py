@@ -111,5 +111,5 @@ def test_a_limit_far_away_does_not_flatten_the_lines(lab: Lab) -> None:
     expect(limit).to_have_text("120.0")
     assert chart.evaluate(top) > 120.0
     lab.page.evaluate(FARTHER, "protection.alert")
-    expect(limit).to_have_text("12000 ↑")
+    expect(limit).to_have_text("12000.0 ↑")
     assert chart.evaluate(top) < 120.0

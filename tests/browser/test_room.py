@@ -81,7 +81,7 @@ def test_a_full_server_is_a_list_to_choose_from(lab: Lab) -> None:
     expect(panel.locator("tbody tr")).to_have_count(CAP)
     expect(panel).to_contain_text("delete one")
     assert panel.evaluate("e => e.scrollWidth <= e.clientWidth && e.getBoundingClientRect().height > 200")
-    panel.get_by_role("button", name=re.compile("^Delete")).last.click()
+    panel.get_by_role("button", name=re.compile("^Delete")).first.click()
     lab.page.get_by_role("dialog", name="Are you sure?").get_by_role("button", name="Delete it").click()
     expect(panel).to_be_hidden()
     expect(lab.page.locator("ft-topbar .play")).to_be_enabled()

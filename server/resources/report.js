@@ -32,15 +32,15 @@
   $('facts').textContent = [facts.system, facts.source, `seed ${facts.seed}`, runs, `${say(facts.time)} s flown`, `FTLab ${facts.ftlab}`].filter(Boolean).join(' · ');
 
   const score = facts.score;
-  const told = new Set();
+  const said = new Set();
   for (const item of score.headline ?? []) {
     const box = el('div');
     const value = el('dd');
     value.append(el('b', say(item.value, item.unit)));
     if (item.note) value.append(' ', el('span', item.note, { className: 'dim' }));
     box.append(el('dt', item.label), value);
-    if (item.detail && !told.has(item.detail)) box.append(el('dd', item.detail, { className: 'dim' }));
-    told.add(item.detail);
+    if (item.detail && !said.has(item.detail)) box.append(el('dd', item.detail, { className: 'dim' }));
+    said.add(item.detail);
     if (item.compare_label) box.append(el('dd', `${item.compare_label}: ${say(item.compare, item.unit)}`, { className: 'dim' }));
     $('headline').append(box);
   }

@@ -60,7 +60,7 @@ test: setup-dev browser lint types
 	$(call stage,tests,$(PYTEST) -m "not long")
 
 test-all: setup-dev browser lint types
-	$(call stage,all tests,$(PYTEST) -m "long or not long")
+	$(call stage,all tests,$(PYTEST) --hypothesis-profile search -m "long or not long")
 
 bench: setup-dev
 	$(BIN)/python -m tests.bench

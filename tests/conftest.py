@@ -1,10 +1,17 @@
-"""Order of the suite."""
+"""Order of the suite, and how its properties are searched."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import hypothesis
 import pytest
+
+hypothesis.settings.register_profile("same", derandomize=True)
+hypothesis.settings.register_profile("search", print_blob=True)
+hypothesis.settings.load_profile("same")
+"""`make test` tries the same examples everywhere, so that it says the same of the same commit; `make test-all` looks
+for new ones (`--hypothesis-profile search`)."""
 
 TESTS = Path(__file__).parent
 ROOMS = ("browser", "papers", "core", "server", "bench")

@@ -56,7 +56,8 @@ def gps(a: Aiding, ins: InsState, readings: Readings, runs: int, enabled: bool) 
     satellites, velocities = readings.aiding["satellites"][columns], readings.aiding["velocities"][columns]
     y_range, y_rate = (np.repeat(np.nan_to_num(g.values[:, columns]), 2, axis=0) for g in (ranges, rates))
     measurement, geometry = measurements.gps(ins, satellites, velocities, y_range, y_rate)
-    valid = np.concatenate([ranges.valid[:, columns], rates.valid[:, columns]], axis=-1) & enabled
+    there = np.broadcast_arrays(ranges.valid[:, columns], rates.valid[:, columns])
+    valid = np.concatenate(there, axis=-1) & enabled
     m = 2 * len(columns)
     aid = Aid(
         measurement.y.reshape(runs, 2, m),

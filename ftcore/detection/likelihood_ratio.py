@@ -194,6 +194,16 @@ def glr_test(state: State, p_fa: float, subject: str, name: str = "glr") -> Test
     return TestResult(name, subject, statistic, dof, limit, (statistic >= limit) & (dof > 0), extra=extra)
 
 
+def by_column(state: State) -> tuple[Array, Ints]:
+    """The largest d^2 / C of every column over the onsets, and epochs since its onset, 0 for the latest epoch; both
+    (runs, columns), columns in the order of `State.ids`. Without evidence the ratio is 0."""
+    known = state.C > 0.0
+    ratio = np.where(known, np.square(state.d) / np.where(known, state.C, 1.0), 0.0)
+    place = ratio.argmax(axis=1)
+    found = np.take_along_axis(ratio, place[:, None], axis=1)[:, 0]
+    return found, np.minimum((state.epoch - 1 - place) % state.window, state.epoch - 1)
+
+
 def reset(state: State, where: Mask) -> State:
     """Forget all evidence in the runs `where` (runs,): for a filter that was re-initialised, or a fault dealt with."""
     keep = ~where[:, None, None]

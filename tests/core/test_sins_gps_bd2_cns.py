@@ -58,9 +58,9 @@ def test_given_truth_is_scrambled_after_the_readings_then_no_estimate_and_no_dec
     with np.errstate(invalid="ignore"):
         blind.advance()
     mine, other = honest._state.navigator, blind._state.navigator
-    for branch in ("main", "conventional"):
-        assert np.array_equal(getattr(mine, branch).mixture.x, getattr(other, branch).mixture.x)
-        assert np.array_equal(getattr(mine, branch).pair.P, getattr(other, branch).pair.P)
+    for a, b in ((mine.protected.main, other.protected.main), (mine.conventional, other.conventional)):
+        assert np.array_equal(a.mixture.x, b.mixture.x)
+        assert np.array_equal(a.pair.P, b.pair.P)
     assert np.array_equal(mine.ins.lla, other.ins.lla)
     assert [(e.time, e.kind, e.subject) for e in honest.events] == [(e.time, e.kind, e.subject) for e in blind.events]
     assert np.isnan(blind["fused.error.position.up"]).all(), "the scrambling reached the scoring, so it was real"

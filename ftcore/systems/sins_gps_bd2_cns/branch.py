@@ -229,30 +229,6 @@ def renew(branch: Branch, x: Array, P: Array, where: Flags) -> Branch:
     )
 
 
-def go_back(branch: Branch, where: Flags) -> Branch:
-    """Filter and newer propagator go on from the reference in the runs ``where``: what they know beyond it is wrong.
-
-    The model probabilities stay: they are of the manoeuvre, not of an aid.
-    """
-    pair, mixture = branch.pair, branch.mixture
-    x, P = pair.estimate()
-    newer = np.stack([pair.reference == 1, pair.reference == 0], axis=1) & where[:, None]
-    older = pair.reference[:, None]
-    return replace(
-        branch,
-        mixture=replace(
-            mixture,
-            x=np.where(where[:, None, None], x[:, None], mixture.x),
-            P=np.where(where[:, None, None, None], P[:, None], mixture.P),
-        ),
-        pair=propagators.renew(pair, x, P, where),
-        age=np.where(newer, np.take_along_axis(branch.age, older, axis=1), branch.age),
-        drifting=np.where(
-            newer[:, :, None], np.take_along_axis(branch.drifting, older[:, :, None], axis=1), branch.drifting
-        ),
-    )
-
-
 def alternate(branch: Branch, x: Array, P: Array) -> Branch:
     """The older propagator restarts from an estimate; the other one is the reference from now on."""
     due = np.stack([branch.pair.reference == 0, branch.pair.reference == 1], axis=1)

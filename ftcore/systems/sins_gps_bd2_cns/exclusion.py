@@ -1,4 +1,4 @@
-"""Who is left out, who comes back, and what the filter forgets of one that is left out: the supervisor's part.
+"""Who is left out and who comes back: the supervisor's part.
 
 An aid that is out must pass two tests of its measurement, both in the innovation form, whatever test drives: against
 the reference propagator, and against the filter's prediction. Neither suffices. The reference knows nothing of the
@@ -6,20 +6,14 @@ filter since its reset, but a propagator may have been reset from what the aid h
 agrees with it. The filter has taken nothing from the aid since it is out, but is slow to forget what it took before.
 An alarm isolates only if both agree on it too, for the same reason (`convicts`): most alarms of a healthy aid are the
 reference's own error, which comes in clusters that m of n epochs do not thin out. The state form is excepted; when it
-alarms, the filter has taken the fault in. What alarms is withheld in any case.
+alarms, the filter has taken the fault in, and who is to blame is found by looking back (:mod:`.hindsight`). What alarms
+is withheld in any case.
 
 And the state form is no test for coming back at all: its x_KF is the filter's prediction moved by the gain, so an aid
 whose gain is small passes it with an error of twenty sigma. A star tracker that has jumped away does not come back
 whatever a reference that has grown wide says of it (:func:`ftcore.detection.coasting.moved`).
 
-For the same reason the state form *begins* to see a fault when the filter has taken it in. An isolation by it therefore
-says that the estimate is wrong, and not only what comes: the filter goes on from the reference, which had no part in
-it, and so does the newer propagator, which may have started from the estimate that was wrong. Otherwise the sound aids
-disagree with that estimate, and later with the propagator, and are accused in turn. The innovation form withholds a
-measurement from the first alarm on; then there is nothing to forget.
-
-Source: FTLab's own, for what Yang 2016 does not say. To restart a filter from the propagator after a detection is in R.
-Da, Failure detection of dynamical systems with the state chi-square test, J. Guidance 17 (1994).
+Source: FTLab's own, for what Yang 2016 does not say.
 """
 
 from __future__ import annotations
@@ -109,10 +103,3 @@ def _against_filter(examined: Examined, m: Measured, R: Array) -> Innovation:
     rows = (runs, len(AIDS), m.y.shape[-1] // len(AIDS))
     y, H, valid = m.y.reshape(rows), m.H.reshape(*rows, n), m.valid.reshape(rows)
     return kalman.innovation(x[:, None], P[:, None], y, H, R, valid)
-
-
-def forgets(decision: supervisor.Decision, settings: Settings) -> Flags:
-    """Runs ``(runs,)`` whose filter goes on from the reference: the state form has isolated an aid that is left out."""
-    leaves_out = settings.master == "federated" or settings.exclusion == "isolation"
-    late = settings.driving_test == "two-propagator-state"
-    return np.asarray(decision.just_isolated.any(axis=-1) & (leaves_out and late))

@@ -61,22 +61,6 @@ def step(
     return FederationState(bank, fused, sharing, decision.members)
 
 
-def restart(state: FederationState, known: Estimate, where: Flags) -> FederationState:
-    """Local filters and master start anew from ``known`` in the runs ``where (runs,)``, shared out to the members."""
-    fresh = federated.start(known.x, known.P, state.sharing, state.members)
-
-    def chosen(new: Array, old: Array) -> Array:
-        return np.where(where.reshape(-1, *[1] * (old.ndim - 1)), new, old)
-
-    bank, fused = state.bank, state.fused
-    return FederationState(
-        Bank(chosen(fresh.x, bank.x), chosen(fresh.P, bank.P)),
-        Estimate(chosen(known.x, fused.x), chosen(known.P, fused.P)),
-        state.sharing,
-        state.members,
-    )
-
-
 def shift(state: FederationState, dx: Array) -> FederationState:
     """The strapdown was corrected by ``dx (runs, 15)``."""
     bank, fused = state.bank, state.fused

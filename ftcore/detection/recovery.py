@@ -104,7 +104,7 @@ def stand_off(
     # NaN, where a reading is missing, makes every comparison False: neither agreement nor disagreement is claimed.
     through = 0.25 * window * np.square(old + new).sum(axis=-1) < threshold(P_AGREE, rows)
     through &= np.square(differences).sum(axis=(1, 3)) < threshold(P_AGREE, rows * window)
-    lately = _lately(differences)
+    lately = _lately(differences, half)
     jumped = 0.5 * half * np.square(new - old).sum(axis=-1) > threshold(P_JUMP, rows)
     jumped &= lately < threshold(P_AGREE, rows)
     agreed = np.where(through, state.agreed + 1, 0)
@@ -121,15 +121,16 @@ def stand_off(
     return replace(state, differences=differences, doubts=doubts, estranged=estranged, agreed=agreed), believed
 
 
-def fallen_out(state: Standoff) -> Mask:
-    """Pairs that have disagreed over the last half of the window, (runs, pairs); not where a reading was missing."""
-    return np.asarray(_lately(state.differences) > threshold(P_JUMP, state.differences.shape[-1]))
+def fallen_out(state: Standoff, ago: int = 0) -> Mask:
+    """Pairs that have disagreed over half a window, (runs, pairs), up to ``ago`` epochs before the last, at most half a
+    window; not where a reading was missing."""
+    window, rows = state.differences.shape[1], state.differences.shape[-1]
+    return np.asarray(_lately(state.differences[:, : window - ago], window // 2) > threshold(P_JUMP, rows))
 
 
-def _lately(differences: Array) -> Array:
-    """The mean difference over the last half of the window, squared and whitened: chi-square on the rows of a pair."""
-    half = differences.shape[1] // 2
-    return np.asarray(half * np.square(differences[:, half:].mean(axis=1)).sum(axis=-1))
+def _lately(differences: Array, half: int) -> Array:
+    """The mean difference over the last `half` epochs, squared and whitened: chi-square on the rows of a pair."""
+    return np.asarray(half * np.square(differences[:, -half:].mean(axis=1)).sum(axis=-1))
 
 
 def widen(prior: Mixture, y: Array, H: Array, layout: Layout, believed: Mask) -> Mixture:

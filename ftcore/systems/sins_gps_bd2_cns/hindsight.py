@@ -47,6 +47,8 @@ MARGIN = 2
 """Epochs before the onset that are not trusted either."""
 REST = 10
 """Epochs between two looks at a disagreement that goes on."""
+FIRST_WORD = 4
+"""Epochs of disagreement in which the driving test may say something first."""
 P_UNEXPECTED = 1e-6
 """Tail probability of a reading of the star tracker that is reason to look back."""
 PAIR = [0, 1]
@@ -239,8 +241,9 @@ def _chosen(where: Flags, a: supervisor.State, b: supervisor.State) -> superviso
 
 
 def _fallen_out(state: Protected, outcome: Outcome) -> Flags:
-    """``(runs,)`` where GPS and BD2 contradict each other and neither is isolated."""
-    apart = recovery.fallen_out(state.main.watch).any(axis=-1)
+    """``(runs,)`` where GPS and BD2 contradict each other for some epochs and neither is isolated."""
+    watch = state.main.watch
+    apart = (recovery.fallen_out(watch) & recovery.fallen_out(watch, FIRST_WORD)).any(axis=-1)
     return np.asarray(apart & ~outcome.decision.isolated[:, PAIR].any(axis=-1))
 
 

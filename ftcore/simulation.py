@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from ftcore.prospects import Outlook, refuse_idle
 from ftcore.readings import Readings
 from ftcore.recording import Recording
 from ftcore.scenario import Change, Clear, Command, Configure, Inject, Scenario, Switch
-from ftcore.score import Score, compute
+from ftcore.score import Book, Score, compute
 from ftcore.systems.base import HEALTH, Flags, Output, addresses
 from ftcore.threads import one_blas_thread
 
@@ -78,9 +78,11 @@ class Simulation:
         seed: instead of the scenario's.
         max_epochs: bound on the recording; the older half is thinned when it is full. None: unbounded.
         first_run: index of the first run, to fly run k alone.
+        signals: which signals are recorded, names or patterns such as ``"test.*"``; None: all. What is recorded
+            changes neither the flight nor its score.
 
     Raises:
-        ValueError: runs, seed or max_epochs out of range.
+        ValueError: runs, seed or max_epochs out of range, or signals that the system does not have.
         CommandError: parameters that no system can be put together from.
     """
 
@@ -92,6 +94,7 @@ class Simulation:
         seed: int | None = None,
         max_epochs: int | None = None,
         first_run: int = 0,
+        signals: Iterable[str] | None = None,
     ) -> None:
         if runs < 1:
             raise ValueError(f"runs is {runs}; at least 1 is needed")
@@ -127,7 +130,8 @@ class Simulation:
             np.zeros((runs, subjects), np.int8),
             np.ones((runs, subjects), bool),
         )
-        self._recording = Recording(self.description.signals, runs, self.period, max_epochs)
+        self._recording = Recording(self.description.signals, runs, self.period, max_epochs, signals)
+        self._book = Book(self.description, runs, max_epochs)
         self._first: Readings | None = None
         self._events: list[Event] = []
         self._log: list[Command] = []
@@ -277,7 +281,7 @@ class Simulation:
     def score(self) -> Score:
         """The flight so far against the truth; see :mod:`ftcore.score`."""
         return compute(
-            self._recording,
+            self._book,
             self._events,
             self._operator.faults,
             self.description,
@@ -285,6 +289,8 @@ class Simulation:
             self.acted,
             {str(live.fault.id): live.silent_because for live in self.faults},
             self.first_run,
+            self.period,
+            self.document(),
         )
 
     def document(self) -> Scenario:
@@ -323,6 +329,7 @@ class Simulation:
             raise FlightError(self.now, error) from error
         self._state, self._shown = after, (truth, output)
         self._recording.append(self.now, row)
+        self._book.append(self.now, row)
         self._fault_edges(before.epoch * self.period, self.now)
         self._deed_edges(before.deeds)
         for run, kind, subject, detail in edges(
@@ -368,6 +375,7 @@ class Simulation:
         self._checkpoints = {e: s for e, s in self._checkpoints.items() if e <= epoch}
         self._operators = [(e, o) for e, o in self._operators if e <= epoch]
         self._state, self._shown, self._operator = state, shown, operator
+        self._book.truncate(self._recording.length_at(time))
         self._recording.truncate(time)
         self._events = [event for event in self._events if event.time <= time + 1e-9]
         self._log = [command for command in self._log if command.time <= time + 1e-9]
@@ -381,6 +389,7 @@ class Simulation:
         twin = object.__new__(Simulation)
         twin.__dict__.update(self.__dict__)
         twin._recording = self._recording.copy_until(time)
+        twin._book = self._book.copy(self._recording.length_at(time))
         twin._events = [event for event in self._events if event.time <= time + 1e-9]
         twin._log = [command for command in self._log if command.time <= time + 1e-9]
         twin._state, twin._shown = self._replayed(epoch)

@@ -39,13 +39,13 @@ def choose(names: Sequence[str], wanted: Iterable[str] | None, what: str = "sign
 
 
 def unknown(what: str, name: str, names: Iterable[str]) -> str:
-    """A sentence for a name that is not there: those most like it, or that begin alike, or any.
+    """A sentence for a name that is not there: those that begin alike, or any, the most alike first.
 
     >>> unknown("signal", "fused.error.upp", ["fused.error.up", "fused.error.east", "gps.x"])
     "no signal 'fused.error.upp'; for instance fused.error.up, fused.error.east"
     """
     known = list(names)
-    near = difflib.get_close_matches(name, known, n=SHOWN, cutoff=0.6)
-    near += [n for n in known if n.split(".")[0] == name.split(".")[0]]
-    shown = list(dict.fromkeys(near or known))[:SHOWN]
+    alike = [n for n in known if n.split(".")[0] == name.split(".")[0]] or known
+    near = difflib.get_close_matches(name, alike, n=SHOWN, cutoff=0.5)
+    shown = list(dict.fromkeys([*near, *alike]))[:SHOWN]
     return f"no {what} {name!r}; {'for instance ' + ', '.join(shown) if shown else 'there are none'}"

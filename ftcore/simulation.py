@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 
 CHECKPOINTS = 64
 """States kept for rewinding; a batch keeps fewer, so that memory stays bounded."""
+LARGE_BATCH = 256
+"""Runs of a batch from which on only the state at the start is kept."""
 
 
 @dataclass(frozen=True)
@@ -538,7 +540,8 @@ class Simulation:
     def _keep_checkpoint(self) -> None:
         if self.epoch % self._every == 0:
             self._checkpoints[self.epoch] = self._state
-        if len(self._checkpoints) > max(4, CHECKPOINTS // self.runs):
+        fewest = 1 if self.runs >= LARGE_BATCH else 4
+        if len(self._checkpoints) > max(fewest, CHECKPOINTS // self.runs):
             self._every *= 2
             self._checkpoints = {e: s for e, s in self._checkpoints.items() if e % self._every == 0}
 

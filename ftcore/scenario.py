@@ -13,13 +13,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationInfo, field_validator, model_validator
 
-from ftcore.faults import Fault, FaultError, check
+from ftcore.display import card, counted, line, table
+from ftcore.faults import KINDS, Fault, FaultError, check
 from ftcore.identifiers import Id, Line, Name, Text
 from ftcore.systems.base import System, addresses
 from ftcore.systems.registry import SYSTEMS
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e7, json_schema_extra={"unit": "s"})]
 MAX_FAULTS = 200
+LISTED = 20
+"""Commands that a notebook shows."""
 
 
 class Strict(BaseModel):
@@ -147,6 +150,35 @@ class Scenario(Strict):
             raise ValueError("faults: two faults have the same id")
         return self
 
+    def __repr__(self) -> str:
+        """Id, system, duration and what fails, in one line."""
+        return (
+            f"<Scenario {self.id}: {self.system}, {self.duration:g} s, seed {self.seed}, "
+            f"{counted(len(self.faults), 'fault')}, {counted(len(self.commands), 'command')}>"
+        )
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        units = {channel.name: channel.unit for channel in self.model.description.channels}
+        faults = [(fault.channel, fault.words(KINDS[fault.kind].unit(units[fault.channel]))) for fault in self.faults]
+        commands = [(f"{command.time:g} s", command.action, _what(command)) for command in self.commands[:LISTED]]
+        more = len(self.commands) - len(commands)
+        off = [(name, "on" if on else "off") for name, on in self.subsystems.items()]
+        given = [(name, str(value)) for name, value in (self.parameters | self.settings).items()]
+        return card(
+            self.title,
+            f"{self.model.description.title}; {self.duration:g} s, seed {self.seed}",
+            line(self.summary),
+            table("Faults", ("channel", "fault"), faults),
+            table("Commands", ("time", "command", "what"), commands),
+            line(f"and {counted(more, 'more command')}" if more else ""),
+            table("Switched at the start", ("subsystem", ""), off),
+            table("Other than by default", ("parameter or setting", "value"), given),
+            line(f"Try: {self.hint}" if self.hint else ""),
+            line(f"Source: {self.source}" if self.source else ""),
+        )
+
     @property
     def model(self) -> System:
         """The system that flies."""
@@ -169,6 +201,25 @@ class Scenario(Strict):
                 f"no scenario {str(id_or_path)!r}: not a file, and the ready ones are {', '.join(ready_ids())}"
             )
         return cls.model_validate(json.loads(path.read_text("utf-8")))
+
+
+def _what(command: Command) -> str:
+    """What a command is about."""
+    match command:
+        case Inject(fault=fault):
+            return f"{fault.channel} {fault.words()}"
+        case Change(fault=fault, fields=fields):
+            return f"{fault}: {_pairs(fields)}"
+        case Clear(fault=fault):
+            return fault or "all faults"
+        case Switch(subsystem=subsystem, enabled=enabled):
+            return f"{subsystem} {'on' if enabled else 'off'}"
+        case Configure(settings=settings):
+            return _pairs(settings)
+
+
+def _pairs(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 def _not_before(command: Inject) -> None:

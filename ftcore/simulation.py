@@ -25,6 +25,7 @@ from ftcore.events import Event, edges, fault_detail
 from ftcore.faults import Acted, Fault
 from ftcore.injection import FaultMemory, apply
 from ftcore.noise import NoiseSource
+from ftcore.notebook import Notebook, Progress, progressing
 from ftcore.prospects import Outlook, refuse_idle
 from ftcore.readings import Readings
 from ftcore.recording import Recording
@@ -71,7 +72,7 @@ Shown = tuple[Any, Output]
 """Truth and output of an epoch: what its picture is drawn from."""
 
 
-class Simulation:
+class Simulation(Notebook):
     """One scenario in flight, for one run or a batch of runs on the same commands.
 
     Args:
@@ -343,11 +344,15 @@ class Simulation:
         return self
 
     @one_blas_thread
-    def advance(self, until: float | None = None, epochs: int | None = None) -> Simulation:
+    def advance(self, until: float | None = None, epochs: int | None = None, progress: Progress = None) -> Simulation:
         """Fly on until a time [s], or for a number of epochs, or to the end; never past the end.
+
+        ``progress``: True for a bar (needs tqdm), or a function that is told, after each epoch, the time flown to and
+        the time to fly to [s].
 
         Raises:
             CommandError: both or impossible arguments.
+            ImportError: a bar is wanted and tqdm is not installed.
         """
         if until is not None and epochs is not None:
             raise CommandError("until", "give either until or epochs, not both")
@@ -362,8 +367,10 @@ class Simulation:
             target = min(target, math.floor(until / self.period + 1e-6))
         elif epochs is not None:
             target = min(target, self.epoch + epochs)
-        while self.epoch < target:
-            self.step()
+        with progressing(progress, self.scenario.id, self.now, target * self.period) as tell:
+            while self.epoch < target:
+                self.step()
+                tell(self.now)
         return self
 
     @one_blas_thread

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, Field, PrivateAttr
 
+from ftcore.score import picture
 from ftcore.score.rows import Rows
 
 
@@ -172,3 +173,12 @@ class Score(BaseModel):
                 "this score was read from a document, which does not hold its rows; score the flight itself"
             )
         return self._rows
+
+    def __repr__(self) -> str:
+        """The strip: an item a line."""
+        return "\n".join(picture.lines(self))
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        return picture.html(self)

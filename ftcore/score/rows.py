@@ -46,6 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import SystemDescription
+from ftcore.display import counted
 from ftcore.scenario import Scenario
 from ftcore.score.tables import Column, Table, stacked
 
@@ -94,6 +95,14 @@ class Rows:
         """Numbers of the runs ``(runs,)``, rising."""
         runs: NDArray[np.int64] = self.flights["run"]
         return runs
+
+    def __repr__(self) -> str:
+        """How many rows of what."""
+        return (
+            f"<Rows of {counted(len(self.runs), 'run')}, {self.time:g} s: flights {len(self.flights)}, "
+            f"faults {len(self.faults)} ({', '.join(facts.id for facts in self.facts) or 'none'}), "
+            f"wrong isolations {len(self.wrong)}>"
+        )
 
     def of_fault(self, fault: str) -> Table:
         """The rows of one fault, one per run. Raises KeyError if there is no such fault."""

@@ -9,6 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ftcore import frames
+from ftcore.display import card, counted, quantity, table
+from ftcore.names import unknown
+
+SHOWN = 6
+"""Columns that are named in a line; twice as many columns and rows are shown in a notebook."""
+
 Column = NDArray[Any]
 
 
@@ -45,7 +52,9 @@ class Table:
         return iter(self.columns)
 
     def __getitem__(self, name: str) -> Column:
-        """One column ``(n,)``. Raises KeyError for an unknown one."""
+        """One column ``(n,)``. Raises KeyError, naming near misses, for an unknown one."""
+        if name not in self.columns:
+            raise KeyError(unknown("column", name, self.columns))
         return self.columns[name]
 
     def __eq__(self, other: object) -> bool:
@@ -65,6 +74,30 @@ class Table:
         """Name -> type of the values."""
         return {name: values.dtype for name, values in self.columns.items()}
 
+    def __repr__(self) -> str:
+        """Rows and columns, with the units of the first few."""
+        names = [f"{name} [{self.units[name]}]" for name in list(self.columns)[:SHOWN]]
+        more = f" and {len(self.columns) - SHOWN} more" if len(self.columns) > SHOWN else ""
+        return f"<Table of {counted(len(self), 'row')}: {', '.join(names)}{more}>"
+
+    def _repr_html_(self) -> str:
+        names = list(self.columns)[: 2 * SHOWN]
+        heads = [name if self.units[name] == "1" else f"{name}, {self.units[name]}" for name in names]
+        rows = [[_cell(self.columns[name][i]) for name in names] for i in range(min(len(self), 2 * SHOWN))]
+        whole = f"{counted(len(self), 'row')}, {counted(len(self.columns), 'column')}; to_pandas() has them all"
+        return card("", whole, table("", heads, rows))
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.columns)
+
+    def to_pandas(self) -> Any:
+        """As a ``pandas.DataFrame``, units in ``.attrs["units"]``. Raises ImportError where pandas is missing."""
+        return frames.to_pandas(self.columns, self.units)
+
+    def to_polars(self) -> Any:
+        """As a ``polars.DataFrame``. Raises ImportError where polars is missing."""
+        return frames.to_polars(self.columns)
+
     def take(self, rows: Column | slice) -> Table:
         """The rows of these numbers, where this is true, or of this slice."""
         return Table({name: values[rows] for name, values in self.columns.items()}, self.units)
@@ -79,6 +112,10 @@ def stacked(tables: Sequence[Table]) -> Table:
             names = sorted({name for name, _ in differing})
             raise ValueError(f"the tables differ in the columns {', '.join(names[:6])}")
     return Table({name: np.concatenate([table[name] for table in tables]) for name in first}, first.units)
+
+
+def _cell(value: Any) -> str:
+    return quantity(float(value), "") if isinstance(value, np.floating) else str(value)
 
 
 def _same(a: Column, b: Column) -> bool:

@@ -95,6 +95,7 @@ class Declared:
         members: field -> member -> its label. Parts that name the same field have the same members.
         roles: member -> how its traces are drawn, where that is not as a component.
         subjects: what has health and is used or not -> label.
+        wholes: what only tests look at, and nobody isolates -> label.
         tests: with all their subjects.
     """
 
@@ -103,6 +104,7 @@ class Declared:
     channels: tuple[Channel, ...] = ()
     subsystems: tuple[Subsystem, ...] = ()
     subjects: Mapping[str, str] = field(default_factory=dict)
+    wholes: Mapping[str, str] = field(default_factory=dict)
     signals: tuple[Signals, ...] = ()
     tests: tuple[Test, ...] = ()
     charts: tuple[Chart, ...] = ()
@@ -153,7 +155,7 @@ class Declared:
         for signal in self.signals:
             for name, labels in self.each(signal.name):
                 add(name, signal.label.format(**labels), signal.unit, signal.group)
-        subjects = self.all_subjects()
+        subjects = {**self.all_subjects(), **self.wholes}
         for test in self.all_tests():
             for subject in test.subjects:
                 for part in OF_TEST:
@@ -173,7 +175,8 @@ class Declared:
             for chosen in self._choices(pattern.id):
                 chart = self._filled(pattern, chosen)
                 traces = tuple(t for p in chart.traces for t in self._traces(p, chosen))
-                drawn.append(chart.model_copy(update={"traces": traces}))
+                title = chart.title[:1].upper() + chart.title[1:]
+                drawn.append(chart.model_copy(update={"title": title, "traces": traces}))
         return with_probabilities(tuple(drawn), self.all_tests())
 
     def _traces(self, pattern: Trace, of_chart: Mapping[str, str]) -> Iterable[Trace]:

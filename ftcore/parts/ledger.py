@@ -102,6 +102,20 @@ class Layout:
         """Shape of the vectors of a scene item. Raises LedgerError, naming near misses."""
         return _known(self._items, id, "scene item")
 
+    def vectors(self, drawn: Mapping[str, Array]) -> dict[str, Array]:
+        """Every scene item -> its vector ``(3,)``, from items or patterns -> vectors of all members.
+
+        Raises:
+            LedgerError: it is not declared, or has another shape.
+        """
+        found: dict[str, Array] = {}
+        for pattern, vectors in drawn.items():
+            shape = self.item(pattern).shape
+            if vectors.shape != shape:
+                raise LedgerError(f"{pattern} is drawn as {vectors.shape}; {shape} is declared")
+            found |= zip(self.declared.names([pattern]), vectors.reshape(-1, 3), strict=True)
+        return found
+
 
 def _known(where: Mapping[Key, Place], name: Key, what: str) -> Place:
     found = where.get(name)
@@ -125,7 +139,8 @@ class Ledger:
         health: ``(runs, subjects)`` codes of :data:`ftcore.systems.base.HEALTH`.
         used: ``(runs, subjects)`` whether the master uses it in this epoch.
         drawn: scene item -> its vector of run 0, or those of its members.
-        estimates: what errors are made from, outside: a value of the system's own under each name.
+        turned: scene item -> rotation of run 0, body to level ``(3, 3)``.
+        values: what errors and pictures are made from, outside: values of the system's own.
     """
 
     def __init__(self, layout: Layout, runs: int) -> None:
@@ -136,7 +151,8 @@ class Ledger:
         self.health: Codes = np.zeros((runs, len(layout.subjects)), np.int8)
         self.used: Flags = np.zeros((runs, len(layout.subjects)), bool)
         self.drawn: dict[str, Array] = {}
-        self.estimates: dict[str, Any] = {}
+        self.turned: dict[str, Array] = {}
+        self.values: dict[str, Any] = {}
 
     # ---- to write
 
@@ -186,10 +202,13 @@ class Ledger:
         Raises:
             LedgerError: it is not declared, or has another shape.
         """
-        shape = self.layout.item(item).shape
-        if vectors.shape != shape:
-            raise LedgerError(f"{item} is drawn as {vectors.shape}; {shape} is declared")
+        self.layout.vectors({item: vectors})
         self.drawn[item] = vectors
+
+    def turn(self, item: str, rotation: Array) -> None:
+        """How a scene item of run 0 is turned, body to level ``(3, 3)``. Raises LedgerError: it is not declared."""
+        self.layout.item(item)
+        self.turned[item] = rotation
 
     def _put(self, name: str, place: Place, values: Any) -> None:
         flat = self._flat(name, place, values)
@@ -217,13 +236,6 @@ class Ledger:
         place = self.layout.test(test, subject)
         return self.row[:, self.layout.of_test[part][place.columns]].reshape(self.runs, *place.shape)
 
-    def pictures(self) -> dict[str, Array]:
-        """Every scene item that was drawn -> where it points ``(3,)``; NaN where it is not to be seen."""
-        found: dict[str, Array] = {}
-        for pattern, vectors in self.drawn.items():
-            found |= zip(self.layout.declared.names([pattern]), vectors.reshape(-1, 3), strict=True)
-        return found
-
     def unsaid(self) -> set[str]:
         """Declared names, and tests as ``test.<test>.<subject>``, of which nothing was written."""
         return self.layout.names_without(self.written)
@@ -232,6 +244,7 @@ class Ledger:
         """Another one that says the same so far and can be written on."""
         other = copy(self)
         other.row, other.written = self.row.copy(), self.written.copy()
+        other.drawn, other.turned, other.values = dict(self.drawn), dict(self.turned), dict(self.values)
         return other
 
 

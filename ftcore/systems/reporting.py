@@ -121,6 +121,8 @@ class Reporter:
         layout: of its ledger.
         errors: adds what follows from truth to the ledger: ``errors(truth, say)``.
         blocks: state of some blocks of the diagram, each: ``blocks(now)``. The others are shown as waiting.
+        items: state of scene items that are marked by more than health and faults, each: ``items(now)``.
+        fixed: scene item -> a vector that never changes, or those of its members.
     """
 
     def __init__(
@@ -129,11 +131,15 @@ class Reporter:
         layout: Layout,
         errors: Callable[[Any, Ledger], None],
         blocks: Sequence[Callable[[Now], dict[str, BlockView]]],
+        items: Sequence[Callable[[Now], dict[str, Health]]] = (),
+        fixed: Mapping[str, Array] | None = None,
     ) -> None:
         self._description = description
         self._layout = layout
         self._errors = errors
         self._blocks = blocks
+        self._items = items
+        self._fixed = layout.vectors(fixed or {})
         channels = {channel.name: channel for channel in description.channels}
         self._covers = {
             item.id: {
@@ -157,7 +163,7 @@ class Reporter:
         blocks = {block.id: BlockView(health="ok", text="waiting") for block in self._description.blocks}
         for part in self._blocks:
             blocks |= part(now)
-        return View(time=time, blocks=blocks, items=self._items(now))
+        return View(time=time, blocks=blocks, items=self._scene(now))
 
     def complete(self, truth: Any, output: Output) -> Ledger:
         """What was said, and what follows from truth."""
@@ -166,14 +172,21 @@ class Reporter:
         self._errors(truth, said)
         return said
 
-    def _items(self, now: Now) -> dict[str, ItemView]:
-        vectors = {} if now.said is None else now.said.pictures()
+    def _scene(self, now: Now) -> dict[str, ItemView]:
+        vectors = self._fixed if now.said is None else self._fixed | self._layout.vectors(now.said.drawn)
+        marks: dict[str, Health] = {}
+        for part in self._items:
+            marks |= part(now)
         found = {}
         for item in self._description.scene:
+            thought = marks.get(item.id) or now.health.get(item.subject or "", "ok")
+            broken = bool(self._covers[item.id] & now.faulted) and thought not in ("isolated", "off")
+            health: Health = "faulted" if broken else thought
+            if item.kind == "aircraft":
+                turned = None if now.said is None else now.said.turned.get(item.id)
+                found[item.id] = ItemView(rotation=LEVEL if turned is None else quaternion(turned), health=health)
+                continue
             v = vectors.get(item.id)
             seen = v is not None and bool(np.isfinite(v).all())
-            thought = now.health.get(item.subject or "", "ok")
-            broken = bool(self._covers[item.id] & now.faulted)
-            health: Health = thought if thought in ("isolated", "suspect") else "faulted" if broken else "ok"
             found[item.id] = ItemView(vector=vector(v) if v is not None and seen else None, health=health, visible=seen)
         return found

@@ -53,7 +53,7 @@ def flown(log, added, masked=None):
         state, output = navigator.step(
             state, Readings(readings.time, {"gps.pseudorange": faulty}, readings.aiding), controls
         )
-        errors.append(np.linalg.norm(output.said.estimates["position_e"] - ANTENNA, axis=-1))
+        errors.append(np.linalg.norm(output.said.values["position_e"] - ANTENNA, axis=-1))
         codes.append(output.said["{estimator}.status"])
     return np.array(errors), np.array(codes)
 

@@ -91,7 +91,7 @@ def test_health_and_use_lie_under_their_subject():
 def test_scene_items_are_drawn_by_name():
     say = Ledger(LAYOUT, runs=1)
     say.draw("ray.{radar}", np.arange(6.0).reshape(2, 3))
-    assert {k: v.tolist() for k, v in say.pictures().items()} == {"ray.a": [0, 1, 2], "ray.b": [3, 4, 5]}
+    assert {k: v.tolist() for k, v in LAYOUT.vectors(say.drawn).items()} == {"ray.a": [0, 1, 2], "ray.b": [3, 4, 5]}
 
 
 @pytest.mark.parametrize(

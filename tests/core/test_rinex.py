@@ -381,7 +381,7 @@ def campaign(log, sizes, mask=5.0, **chosen):
         state, output = navigator.step(state, readings, controls)
         said, status = output.said, output.said["{estimator}.status"]
         seen = np.isfinite(said["elevation.{satellite}"])
-        error = np.linalg.norm(said.estimates["position_e"] - np.array(ANTENNA), axis=-1)
+        error = np.linalg.norm(said.values["position_e"] - np.array(ANTENNA), axis=-1)
         named = output.alarm[:, 1 : n + 1]
         out = seen & ((output.health[:, 1:] == 1) | (output.health[:, 1:] == 2))
         for i, (size, prn) in enumerate(cases):

@@ -103,7 +103,7 @@ def report(say: Ledger, position_e: Array, sigma: Array, status: Codes, satellit
         status: ``(runs, estimators)`` codes of :mod:`ftcore.detection.raim`.
         satellites: ``(runs, estimators)`` how many each takes.
     """
-    say.estimates["position_e"] = position_e
+    say.values["position_e"] = position_e
     say["{estimator}.sigma.position.{axis}"] = sigma
     say["{estimator}.status"] = status
     say["{estimator}.satellites"] = satellites
@@ -111,7 +111,7 @@ def report(say: Ledger, position_e: Array, sigma: Array, status: Codes, satellit
 
 def errors(truth: Truth, say: Ledger) -> None:
     """How far each solution is off."""
-    error = (say.estimates["position_e"] - truth.position_e[:, None]) @ truth.C_en
+    error = (say.values["position_e"] - truth.position_e[:, None]) @ truth.C_en
     say["{estimator}.error.position.{axis}"] = error
     say["{estimator}.error.position.horizontal"] = np.hypot(error[..., 0], error[..., 1])
 

@@ -20,6 +20,7 @@ from ftcore.systems.registry import SYSTEMS
 
 Seconds = Annotated[float, Field(ge=0.0, le=1e7, json_schema_extra={"unit": "s"})]
 MAX_FAULTS = 200
+MAX_COMMANDS = 20_000
 
 
 class Strict(BaseModel):
@@ -96,7 +97,7 @@ class Scenario(Strict):
     subsystems: dict[str, bool] = Field(default_factory=dict, description="switched on or off at the start")
     faults: tuple[Fault, ...] = Field(default=(), max_length=MAX_FAULTS)
     commands: Annotated[tuple[Command, ...], FailFast()] = Field(
-        default=(), max_length=20000, description="what the operator did, to replay it"
+        default=(), max_length=MAX_COMMANDS, description="what the operator did, to replay it"
     )
 
     @field_validator("system")

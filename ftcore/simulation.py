@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ftcore import commands as desk
 from ftcore import recording as table
 from ftcore.acting import Deeds, follow, standing
+from ftcore.commandlog import CommandLog
 from ftcore.commands import CommandError, FlightError, LiveFault, Operator
 from ftcore.description import Signal, SystemDescription, View
 from ftcore.events import Event, edges, fault_detail
@@ -130,14 +131,15 @@ class Simulation:
         self._recording = Recording(self.description.signals, runs, self.period, max_epochs)
         self._first: Readings | None = None
         self._events: list[Event] = []
-        self._log: list[Command] = []
+        self._log = CommandLog.beside(scenario.commands)
         for remark in self._assembly.remarks:
             self._event(-1, remark.kind, remark.subject, {"text": remark.text, **remark.numbers})
         for i, fault in enumerate(scenario.faults):
             try:
-                self._inject(fault.model_copy(update={"start": fault.start or 0.0}))
+                self._operator, injected = self._laid(fault.model_copy(update={"start": fault.start or 0.0}))
             except CommandError as error:
                 raise CommandError(f"faults.{i}.{error.field}", str(error)) from None
+            self._fault_event("fault.injected", injected)
         self._operators: list[tuple[int, Operator]] = [(0, self._operator)]
         self._shown: Shown | None = None
         self._every = 1
@@ -370,7 +372,7 @@ class Simulation:
         self._state, self._shown, self._operator = state, shown, operator
         self._recording.truncate(time)
         self._events = [event for event in self._events if event.time <= time + 1e-9]
-        self._log = [command for command in self._log if command.time <= time + 1e-9]
+        self._log = self._log.until(time)
         return self
 
     @one_blas_thread
@@ -382,7 +384,7 @@ class Simulation:
         twin.__dict__.update(self.__dict__)
         twin._recording = self._recording.copy_until(time)
         twin._events = [event for event in self._events if event.time <= time + 1e-9]
-        twin._log = [command for command in self._log if command.time <= time + 1e-9]
+        twin._log = self._log.until(time)
         twin._state, twin._shown = self._replayed(epoch)
         twin._operator = self._operator_at(epoch)
         twin._operators = [(e, o) for e, o in self._operators if e <= epoch]
@@ -402,8 +404,11 @@ class Simulation:
         Raises:
             CommandError: the channel cannot take it; the message says what it takes.
         """
-        injected = self._inject(fault)
-        self._given(Inject(action="inject", time=self.now, fault=injected))
+        after, injected = self._laid(fault)
+        log = self._logged(Inject(action="inject", time=self.now, fault=injected))
+        self._operator = after
+        self._fault_event("fault.injected", injected)
+        self._given(log)
         return injected
 
     def change(self, fault_id: str, **fields: Any) -> Fault:
@@ -412,33 +417,38 @@ class Simulation:
         after, new = desk.change(self._operator, fault_id, fields, self.now, self._channels, absent)
         acted = bool(self._state.deeds.of(new, self.runs).epochs.any())
         refuse_idle(new, self._channels[new.channel], self._outlook(), acted)
+        log = self._logged(Change(action="change", time=self.now, fault=fault_id, fields=fields))
         self._operator = after
         self._fault_event("fault.changed", new)
-        self._given(Change(action="change", time=self.now, fault=fault_id, fields=fields))
+        self._given(log)
         return new
 
     def clear(self, fault_id: str) -> Fault:
         """End one fault now; the channel is truly restored. Raises CommandError if there is no such fault."""
-        before = self._operator
-        self._operator, ended = desk.clear(before, fault_id, self.now, self._channels)
-        if self._operator is not before:
+        after, ended = desk.clear(self._operator, fault_id, self.now, self._channels)
+        if after is not self._operator:
+            log = self._logged(Clear(action="clear", time=self.now, fault=fault_id))
+            self._operator = after
             self._fault_event("fault.cleared", ended)
             if any(fault.id == ended.id for fault in self._operator.faults):
                 self._say_if_silent(ended)
-            self._given(Clear(action="clear", time=self.now, fault=fault_id))
+            self._given(log)
         return ended
 
     def clear_all(self) -> list[Fault]:
-        """End every fault that is armed or active."""
-        return [self.clear(str(f.fault.id)) for f in self.faults if f.state != "ended"]
+        """End every fault that is armed or active, or none of them. Raises CommandError if the log has no room."""
+        ids = [str(f.fault.id) for f in self.faults if f.state != "ended"]
+        self._logged(*(Clear(action="clear", time=self.now, fault=id) for id in ids))
+        return [self.clear(id) for id in ids]
 
     def switch(self, subsystem: str, enabled: bool) -> Simulation:
         """Switch a subsystem off or on. Raises CommandError for an unknown one."""
         after = desk.switch(self._operator, subsystem, enabled)
         if after.enabled != self._operator.enabled:
+            log = self._logged(Switch(action="switch", time=self.now, subsystem=subsystem, enabled=enabled))
             self._operator = after
             self._event(-1, "subsystem.switched", subsystem, {"enabled": enabled})
-            self._given(Switch(action="switch", time=self.now, subsystem=subsystem, enabled=enabled))
+            self._given(log)
         return self
 
     def configure(self, **settings: Any) -> dict[str, Any]:
@@ -448,9 +458,10 @@ class Simulation:
             if getattr(after.settings, name) != getattr(self._operator.settings, name):
                 raise CommandError(name, f"{name} changes nothing here: {why}")
         if after.settings != self._operator.settings:
+            log = self._logged(Configure(action="configure", time=self.now, settings=settings))
             self._operator = after
             self._event(-1, "settings.changed", "settings", dict(settings))
-            self._given(Configure(action="configure", time=self.now, settings=settings))
+            self._given(log)
         return self.settings
 
     # ---- inside ---------------------------------------------------------------------------------------------------
@@ -467,13 +478,12 @@ class Simulation:
         after = State(epoch, plant, navigator, memory, output.command, output.alarm, output.health, output.used, deeds)
         return after, truth, output
 
-    def _inject(self, fault: Fault) -> Fault:
+    def _laid(self, fault: Fault) -> tuple[Operator, Fault]:
+        """What an injection would make of the operator, and the fault with its id. Changes nothing."""
         absent = self._assembly.absent
         after, injected = desk.inject(self._operator, fault, self.now, self._channels, absent)
         refuse_idle(injected, self._channels[injected.channel], self._outlook())
-        self._operator = after
-        self._fault_event("fault.injected", injected)
-        return injected
+        return after, injected
 
     def _outlook(self) -> Outlook:
         return Outlook(self._seen(), self.epoch, self.last_epoch, self.period, self._assembly.visible)
@@ -486,10 +496,13 @@ class Simulation:
             self._first = self._assembly.plant.step(self._state.plant, 1, None)[2]
         return self._first
 
-    def _given(self, command: Command) -> None:
-        """Remember a command: in the log, unless the scenario's own log gave it, and as the operator's new state."""
-        if not self._replaying:
-            self._log.append(command)
+    def _logged(self, *commands: Command) -> CommandLog:
+        """The log with commands, unless the scenario's own log gives them. Raises CommandError if it is full."""
+        return self._log if self._replaying else self._log.plus(*commands)
+
+    def _given(self, log: CommandLog) -> None:
+        """Remember a command that was given: the log that holds it, and the operator's new state."""
+        self._log = log
         self._keep_operator()
 
     def _keep_operator(self) -> None:

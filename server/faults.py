@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ftcore import Fault, Simulation
-from ftcore.commands import LiveFault
+from ftcore.operator import LiveFault
 from server.models import FaultState
 
 

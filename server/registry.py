@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from ftcore import Scenario, Simulation, catalogue
-from ftcore.scenario import Change, Clear, Inject
+from ftcore.commands import Change, Clear, Inject
 from server import problems
 from server.advances import Advance
 from server.experiments import Experiment

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
+_PLAIN = "color:inherit;font:inherit;background:transparent"
 _LINE = "1px solid rgba(128,128,128,.35)"
 _CELL = f"text-align:left;vertical-align:top;padding:2px 14px 2px 0;border-bottom:{_LINE};white-space:normal"
 
@@ -39,7 +40,7 @@ def table(caption: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) 
     head = "".join(f'<th scope="col" style="{_CELL}">{escape(text)}</th>' for text in headings)
     title = f'<caption style="text-align:left;font-weight:600;padding:6px 0 2px">{escape(caption)}</caption>'
     return (
-        f'<table style="border-collapse:collapse;background:transparent">{title if caption else ""}'
+        f'<table style="border-collapse:collapse;{_PLAIN}">{title if caption else ""}'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     )
 
@@ -48,7 +49,7 @@ def card(title: str, about: str, *parts: str) -> str:
     """A title, a line about it, and pieces made by :func:`table` and :func:`line`."""
     said = f'<div style="opacity:.75">{escape(about)}</div>' if about else ""
     return (
-        f'<div class="ftlab" style="color:inherit;background:transparent;max-width:70em">'
+        f'<div class="ftlab" style="{_PLAIN};max-width:70em;overflow-x:auto">'
         f'<div style="font-weight:600;font-size:1.1em">{escape(title)}</div>{said}{"".join(parts)}</div>'
     )
 

@@ -15,7 +15,7 @@ from ftcore import frames, units
 from ftcore.description import drawable
 from ftcore.names import choose
 from ftcore.notebook import overview
-from ftcore.notebook.flight import Flight
+from ftcore.notebook.flown import Flown
 from ftcore.notebook.progress import Progress, progressing
 
 __all__ = ["Notebook", "Progress", "progressing"]
@@ -24,19 +24,19 @@ __all__ = ["Notebook", "Progress", "progressing"]
 class Notebook:
     """What a simulation offers in a notebook."""
 
-    def __repr__(self: Flight) -> str:
+    def __repr__(self: Flown) -> str:
         """Scenario, time, runs and faults in one line."""
         return overview.line(self)
 
-    def _repr_html_(self: Flight) -> str:
+    def _repr_html_(self: Flown) -> str:
         return overview.card(self)
 
-    def _ipython_key_completions_(self: Flight) -> list[str]:
+    def _ipython_key_completions_(self: Flown) -> list[str]:
         """What ``simulation["<tab>`` offers."""
         return list(self.signals)
 
     @property
-    def charts(self: Flight) -> dict[str, str]:
+    def charts(self: Flown) -> dict[str, str]:
         """Charts that can be drawn from what is recorded: id -> title; see :meth:`plot`.
 
         >>> from ftcore import Scenario, Simulation
@@ -46,7 +46,7 @@ class Notebook:
         return {chart.id: chart.title for chart in drawable(self.description.charts, self.signals)}
 
     def plot(
-        self: Flight,
+        self: Flown,
         *what: str,
         run: int = 0,
         start: float | None = None,
@@ -79,7 +79,7 @@ class Notebook:
 
         return plots.figure(self, what, run, start, end, theme)
 
-    def to_pandas(self: Flight, signals: Iterable[str] | None = None) -> Any:
+    def to_pandas(self: Flown, signals: Iterable[str] | None = None) -> Any:
         """The recording as a ``pandas.DataFrame``, a row per epoch and run: time, run, signals in SI.
 
         Args:
@@ -97,11 +97,11 @@ class Notebook:
         """
         return frames.to_pandas(*_long(self, signals))
 
-    def to_polars(self: Flight, signals: Iterable[str] | None = None) -> Any:
+    def to_polars(self: Flown, signals: Iterable[str] | None = None) -> Any:
         """The recording as a ``polars.DataFrame``; as :meth:`to_pandas`. Raises ValueError, ImportError."""
         return frames.to_polars(_long(self, signals)[0])
 
-    def to_xarray(self: Flight, signals: Iterable[str] | None = None) -> Any:
+    def to_xarray(self: Flown, signals: Iterable[str] | None = None) -> Any:
         """The recording as an ``xarray.Dataset`` over time and run, in SI, with units and labels as attributes.
 
         Raises:
@@ -114,17 +114,17 @@ class Notebook:
         return frames.to_xarray(recording.time.copy(), _numbers(self), {n: recording[n] for n in names}, known)
 
 
-def _chosen(flight: Flight, signals: Iterable[str] | None) -> list[str]:
+def _chosen(flight: Flown, signals: Iterable[str] | None) -> list[str]:
     recorded = list(flight.signals)
     return [recorded[i] for i in choose(recorded, signals)]
 
 
-def _numbers(flight: Flight) -> NDArray[np.int64]:
+def _numbers(flight: Flown) -> NDArray[np.int64]:
     """Numbers of the runs ``(runs,)``."""
     return np.arange(flight.first_run, flight.first_run + flight.runs, dtype=np.int64)
 
 
-def _long(flight: Flight, signals: Iterable[str] | None) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+def _long(flight: Flown, signals: Iterable[str] | None) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     """Columns of a row per epoch and run, and their units, SI."""
     names, recording = _chosen(flight, signals), flight.recording
     columns: dict[str, NDArray[Any]] = {

@@ -6,10 +6,10 @@ from collections import Counter
 
 from ftcore import display
 from ftcore.display import counted, quantity
-from ftcore.notebook.flight import Flight
+from ftcore.notebook.flown import Flown
 
 
-def line(flight: Flight) -> str:
+def line(flight: Flown) -> str:
     """Scenario, time, runs and faults in one line."""
     states = Counter(live.state for live in flight.faults)
     faults = ", ".join(f"{states[state]} {state}" for state in ("armed", "active", "ended") if states[state])
@@ -19,7 +19,7 @@ def line(flight: Flight) -> str:
     )
 
 
-def card(flight: Flight) -> str:
+def card(flight: Flown) -> str:
     """Title, time, faults and how the subjects fare, as HTML."""
     description = flight.description
     about = f"{description.title}; seed {flight.seed}, {counted(flight.runs, 'run')}"

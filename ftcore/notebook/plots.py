@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from html import escape as escaped
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from ftcore import units
 from ftcore.description import Chart, Trace, drawable
 from ftcore.names import choose, unknown
-from ftcore.notebook.flight import Flight
+from ftcore.notebook.flown import Flown
 from ftcore.notebook.looks import Theme, faint, look, theme_of
 from ftcore.notebook.marks import KINDS_OF_MARKS, Stretch, stretches
 from ftcore.notebook.moments import moment
@@ -22,12 +23,14 @@ Array = NDArray[np.float64]
 
 escape = partial(escaped, quote=False)
 """Plotly reads text as HTML, of which it knows little: quotes stay as they are."""
+ALONG = 32
+"""Letters that fit along the upward axis of a chart."""
 ROW = 260
 """Height of a chart [px]."""
 WORDS = {"fault": "fault", "alarm": "alarm", "isolated": "isolated"}
 
 
-def figure(flight: Flight, what: Sequence[str], run: int, start: float | None, end: float | None, theme: str) -> Any:
+def figure(flight: Flown, what: Sequence[str], run: int, start: float | None, end: float | None, theme: str) -> Any:
     """The figure; see :meth:`ftcore.notebook.Notebook.plot`."""
     try:
         from plotly import graph_objects
@@ -64,7 +67,7 @@ def figure(flight: Flight, what: Sequence[str], run: int, start: float | None, e
     return graph_objects.Figure(**drawn)
 
 
-def found(flight: Flight, what: Sequence[str]) -> list[Chart]:
+def found(flight: Flown, what: Sequence[str]) -> list[Chart]:
     """The charts that are meant by titles, ids, words of titles, or names and patterns of signals.
 
     Raises:
@@ -105,7 +108,7 @@ def _chart(charts: Sequence[Chart], name: str) -> Chart | None:
     return hits[0] if hits else None
 
 
-def _loose(flight: Flight, names: Sequence[str]) -> list[Chart]:
+def _loose(flight: Flown, names: Sequence[str]) -> list[Chart]:
     """Signals that were named by themselves: a chart for those of each unit."""
     by_unit: dict[str, list[str]] = {}
     for name in names:
@@ -182,10 +185,15 @@ def over_time(
 def _upward(chart: Chart) -> dict[str, Any]:
     """The upward axis of a chart: title with unit, scale, and words for numbers."""
     unit = "" if chart.unit == "1" else f", {chart.unit}"
-    axis: dict[str, Any] = {"title": {"text": escape(f"{chart.title}{unit}")}, "type": chart.scale}
+    axis: dict[str, Any] = {"title": {"text": folded(f"{chart.title}{unit}")}, "type": chart.scale}
     if chart.levels:
         axis |= {"tickvals": list(range(len(chart.levels))), "ticktext": [escape(level) for level in chart.levels]}
     return axis
+
+
+def folded(text: str) -> str:
+    """A title in lines that fit along an axis."""
+    return "<br>".join(escape(part) for part in wrap(text, ALONG))
 
 
 def _lines(chart: Chart, time: Array, columns: dict[str, Array], axis: str, theme: Theme) -> list[dict[str, Any]]:

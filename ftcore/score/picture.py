@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ftcore.display import card, counted, quantity, table
+from ftcore.score import intervals
 
 if TYPE_CHECKING:
-    from ftcore.score.models import Headline, Score
+    from ftcore.score.models import Headline, Score, TestScore
 
 
 def lines(score: Score) -> Iterator[str]:
@@ -27,7 +28,11 @@ def _told(item: Headline) -> tuple[str, str, str]:
 
 def html(score: Score) -> str:
     """The strip, faults, tests and isolations of the sound, and the estimators' errors."""
-    tests = [(t.name, t.subject, t.words) for t in score.tests if t.epochs or t.reached_epochs]
+    tests = [
+        (t.name, t.subject, str(t.alarms), str(t.epochs), _percent(t), str(t.stretches), t.runs.words)
+        for t in score.tests
+        if t.epochs
+    ]
     estimators = []
     for name, e in score.estimators.items():
         errors = [(getattr(e, quantity_), unit) for quantity_, unit in _ERRORS.items()]
@@ -38,10 +43,20 @@ def html(score: Score) -> str:
         f"{score.time:g} s flown; what a fault explains counts as recovering for {score.recovery:g} s after it",
         table("", ("", "", "", "compared with"), [(item.label, *_told(item)) for item in score.headline]),
         table("Faults", ("fault", "what came of it"), [(f.label, f.words) for f in score.faults]),
-        table("False alarms", ("test", "subject", "alarms while nothing was wrong with the subject"), tests),
+        table(
+            "False alarms: while nothing was wrong with the subject",
+            ("test", "subject", "alarms", "of tests", "rate, with interval (tests as independent)", "stretches", "in"),
+            tests,
+        ),
         table("False isolations", ("subject", ""), [(i.label, i.words) for i in score.isolations if i.count]),
         table("Errors after settling: root mean square, and worst", ("estimator", *_ERRORS, "NEES"), estimators),
     )
+
+
+def _percent(test: TestScore) -> str:
+    if test.false_alarm_rate is None or test.low is None or test.high is None:
+        return "–"
+    return f"{intervals.percent(test.false_alarm_rate)} % ({intervals.between(test.low, test.high)})"
 
 
 _ERRORS = {"position": "m", "velocity": "m/s", "attitude": "rad"}

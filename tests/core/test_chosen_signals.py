@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ftcore import Fault, Scenario, Simulation, simulation
+from ftcore import Fault, Scenario, Simulation, history
 from ftcore.names import choose, unknown
 
 ZHANG = Scenario.load("zhang-1992-visible")
@@ -69,10 +69,10 @@ def test_given_a_bounded_recording_then_the_score_does_not_depend_on_the_choice(
 
 
 def test_given_a_large_batch_when_it_is_rewound_then_the_bits_repeat(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulation, "LARGE_BATCH", 2)
-    monkeypatch.setattr(simulation, "CHECKPOINTS", 1)
+    monkeypatch.setattr(history, "LARGE_BATCH", 2)
+    monkeypatch.setattr(history, "CHECKPOINTS", 1)
     sim = flown(CHOSEN, until=12.0)
-    assert list(sim._checkpoints) == [0]
+    assert list(sim._history._states) == [0]
     rows = sim.recording.rows.copy()
     np.testing.assert_array_equal(sim.rewind(to=7.0).advance(until=12.0).recording.rows, rows)
 

@@ -19,9 +19,9 @@ import ftcore.names
 import ftcore.notebook
 import ftcore.score.summary
 from ftcore import Fault, Scenario, Simulation, catalogue
+from ftcore.commands import Configure, Inject, Switch
 from ftcore.notebook.looks import THEMES
 from ftcore.notebook.marks import stretches
-from ftcore.scenario import Configure, Inject, Switch
 
 ZHANG = Scenario.load("zhang-1992-visible")
 RAIM = Scenario.load("raim-two-faults")
@@ -200,7 +200,7 @@ def test_a_fault_that_was_cleared_or_moved_is_marked_as_it_was() -> None:
 
 def test_signals_are_drawn_by_name_or_pattern_a_row_for_each_unit(zhang: Simulation) -> None:
     figure = zhang.plot("fused.error.position.*", "fused.error.velocity.up", start=10.0, end=20.0)
-    titles = [figure.layout[axis].title.text for axis in ("yaxis", "yaxis2")]
+    titles = [figure.layout[axis].title.text.replace("<br>", " ") for axis in ("yaxis", "yaxis2")]
     assert titles == ["Signals, m", f"{zhang.signals['fused.error.velocity.up'].label}, m/s"]
     names = {trace.name for trace in figure.data if trace.yaxis == "y"}
     assert names == {f"fused.error.position.{axis}" for axis in ("east", "north", "up", "horizontal")}

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from ftcore.commands import LiveFault
 from ftcore.description import Signal, SystemDescription
 from ftcore.events import Event
+from ftcore.operator import LiveFault
 from ftcore.recording import Recording
 from ftcore.scenario import Scenario
 
 
-class Flight(Protocol):
+class Flown(Protocol):
     """A simulation, seen from here; see :class:`ftcore.simulation.Simulation`."""
 
     @property

@@ -137,7 +137,10 @@ class Declared:
 
     def all_subjects(self) -> dict[str, str]:
         """Name of every subject -> its label."""
-        return {n: label.format(**labels) for p, label in self.subjects.items() for n, labels in self.each(p)}
+        return self._labelled(self.subjects)
+
+    def _labelled(self, patterns: Mapping[str, str]) -> dict[str, str]:
+        return {n: label.format(**labels) for p, label in patterns.items() for n, labels in self.each(p)}
 
     def all_tests(self) -> tuple[Test, ...]:
         """The tests with every subject named."""
@@ -155,7 +158,7 @@ class Declared:
         for signal in self.signals:
             for name, labels in self.each(signal.name):
                 add(name, signal.label.format(**labels), signal.unit, signal.group)
-        subjects = {**self.all_subjects(), **self.wholes}
+        subjects = self.all_subjects() | self._labelled(self.wholes)
         for test in self.all_tests():
             for subject in test.subjects:
                 for part in OF_TEST:

@@ -236,6 +236,15 @@ class Ledger:
         place = self.layout.test(test, subject)
         return self.row[:, self.layout.of_test[part][place.columns]].reshape(self.runs, *place.shape)
 
+    def alarms(self) -> list[tuple[str, str]]:
+        """(test, subject) of every alarm in run 0."""
+        alarm = self.row[0, self.layout.of_test["alarm"]] > 0.0
+        return [pair for pair, raised in zip(self.layout.tests, alarm.tolist(), strict=True) if raised]
+
+    def is_used(self, subject: str) -> bool:
+        """Whether the master uses a subject, by its own name, in run 0."""
+        return bool(self.used[0, self.layout.subjects.index(subject)])
+
     def unsaid(self) -> set[str]:
         """Declared names, and tests as ``test.<test>.<subject>``, of which nothing was written."""
         return self.layout.names_without(self.written)

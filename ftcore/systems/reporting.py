@@ -190,3 +190,22 @@ class Reporter:
             seen = v is not None and bool(np.isfinite(v).all())
             found[item.id] = ItemView(vector=vector(v) if v is not None and seen else None, health=health, visible=seen)
         return found
+
+
+def sensor_block(now: Now, name: str, text: str) -> BlockView:
+    """A sensor's block: switched off, faulted in how many channels, or what ``text`` says of it."""
+    number = sum(channel.startswith(name + ".") for channel in now.faulted)
+    off = not now.controls.enabled.get(name, True)
+    note = f", {number} faulted" if number else ""
+    return BlockView(health="off" if off else "faulted" if number else "ok", text="off" if off else text + note)
+
+
+def supervisor_block(now: Now, trusted: str) -> BlockView:
+    """Who is out, who is suspected; ``trusted``: what it says when nobody is."""
+    isolated = [s.removeprefix("imu.") for s, state in now.health.items() if state == "isolated"]
+    suspects = [s.removeprefix("imu.") for s, state in now.health.items() if state == "suspect"]
+    if isolated:
+        return BlockView(health="isolated", text=", ".join(isolated) + " out")
+    if suspects:
+        return BlockView(health="suspect", text="suspects " + ", ".join(suspects))
+    return BlockView(health="ok", text=trusted)

@@ -12,10 +12,10 @@ from ftcore.description import Block, BlockView, Test, Wire
 from ftcore.detection import chi_square
 from ftcore.detection.raim import Consistency, Isolation
 from ftcore.estimation.least_squares import Fix
+from ftcore.parts.charts import chart_of_test
 from ftcore.parts.declared import Declared, Signals
 from ftcore.parts.ledger import Ledger
 from ftcore.systems.base import Flags
-from ftcore.systems.declarations import chart_of_test
 from ftcore.systems.gps_receiver import satellites
 from ftcore.systems.gps_receiver.bank import COMBINED, FILTER, PLACE, Bank
 from ftcore.systems.gps_receiver.snapshot import SETTINGS, named

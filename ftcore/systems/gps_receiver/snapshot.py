@@ -15,10 +15,10 @@ from ftcore.detection.raim import Consistency, Isolation
 from ftcore.estimation import least_squares
 from ftcore.estimation.first_fix import first_fix
 from ftcore.estimation.least_squares import Fix
+from ftcore.parts.charts import chart_of_test
 from ftcore.parts.declared import Declared, Signals
 from ftcore.parts.ledger import Ledger
 from ftcore.systems.base import Flags
-from ftcore.systems.declarations import chart_of_test
 from ftcore.systems.gps_receiver import bank as filters
 from ftcore.systems.gps_receiver import satellites
 from ftcore.systems.gps_receiver.bank import Bank

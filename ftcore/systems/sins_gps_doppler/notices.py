@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ftcore.detection import supervisor
+from ftcore.parts.instruments import CLUSTERS
 from ftcore.systems.base import Notice
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult
+from ftcore.systems.sins_gps_doppler.aids import AIDS, SLOTS
 from ftcore.systems.sins_gps_doppler.altimeter import AltimeterEpoch
+from ftcore.systems.sins_gps_doppler.forms import EPOCH
 from ftcore.systems.sins_gps_doppler.history import Culprits, History
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch
-from ftcore.systems.sins_gps_doppler.names import AIDS, CLUSTERS, EPOCH, SLOTS
 
 
 def of_aids(decision: supervisor.Decision, tests: AidTestResult) -> list[Notice]:

@@ -49,7 +49,7 @@ def fly(
         try:
             _advance(simulation, console)
         except CommandError as error:
-            raise UserError(f"the scenario's command at {simulation.now:g} s is refused: {error}") from None
+            raise UserError(str(error)) from None
         except FlightError as error:
             raise UserError(f"{error}; up to then it can be flown with a shorter duration") from None
         _show(simulation.score(), simulation, console)

@@ -91,6 +91,7 @@ class ImuEpoch:
         rest: the test of those that are trusted while another one is out.
         decision: of the supervisor on ``(runs, 6)`` instruments.
         undecided: of the supervisor on ``(runs, 2)`` clusters; isolated means that the rest disagrees for certain.
+        series: ``(runs, 2)`` epochs for which those in use have contradicted each other for certain.
         used: ``(runs, 2, 3)`` instruments in the protected solution.
         changed: ``(runs,)`` the protected solution's instruments changed.
         bias_change: ``(runs, 2, 3, 3)`` covariance of the jump of the body biases that a change brings.
@@ -107,6 +108,7 @@ class ImuEpoch:
     rest: Rest
     decision: supervisor.Decision
     undecided: supervisor.Decision
+    series: NDArray[np.int64]
     used: Flags
     changed: Flags
     bias_change: Array
@@ -262,6 +264,7 @@ class RedundantImu:
             rest=rest,
             decision=decision,
             undecided=undecided,
+            series=series,
             used=used,
             changed=np.asarray((now != before).any(axis=-1)),
             bias_change=change @ spread @ change.swapaxes(-1, -2) * np.square(self._unit)[:, None, None],

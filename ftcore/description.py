@@ -213,6 +213,7 @@ class SceneItem(Described):
     family: str = Field(description="legend entry; also the colour family, e.g. 'instrument 1'")
     vector: tuple[float, float, float] | None = Field(default=None, description="fixed direction, if it never changes")
     channel: str | None = Field(default=None, description="channel that a click here would fault")
+    subject: str | None = Field(default=None, description="whose health colours it")
     trail: tuple[str, str, str] | None = Field(
         default=None, description="path: signals of the point's coordinates, so that the whole way is known"
     )

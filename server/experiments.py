@@ -1,26 +1,25 @@
 """Experiment: a simulation, its clock, and who watches it.
 
-A simulation takes one caller at a time. Whoever wants it waits for the experiment's lock, in order; the clock flies in
-slices of a few milliseconds and lets go of the lock between them, so a command always lands between two epochs, soon.
-All work on a simulation is done in threads; the event loop only hands out turns.
+The clock flies in slices of a few milliseconds and lets others have their turns between them, so a command always lands
+between two epochs, soon.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
-from concurrent.futures import Executor
-from typing import Any, Literal, Protocol, TypeVar
+from collections.abc import Callable
+from typing import Literal, Protocol, TypeVar
 
-from ftcore import CommandError, Fault, FlightError, Simulation
-from ftcore.commands import LiveFault
+from ftcore import CommandError, FlightError, Simulation
 from ftcore.description import View
 from server.advances import Advance, Stop
 from server.attendance import PATIENCE, Attendance
-from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
-from server.pacing import Clock, Pacer, Speed
+from server.faults import shown
+from server.models import ClockState, ExperimentState, ScenarioLabel, State, SubsystemStatus
+from server.pacing import Pacer, Speed
 from server.problems import INTERNAL_FAILURE, Refused
+from server.turns import Turns, Workers
 
 T = TypeVar("T")
 SLICE = 0.012
@@ -37,15 +36,6 @@ class Subscriber(Protocol):
 
     def rewound(self, to: float) -> None:
         """Everything after ``to`` is history that never happened."""
-
-
-class Workers:
-    """Threads that fly, the fair queue for them, and the clock that they fly by."""
-
-    def __init__(self, executor: Executor, threads: int, clock: Clock) -> None:
-        self.executor = executor
-        self.clock = clock
-        self.turns = asyncio.Semaphore(threads)
 
 
 class Experiment:
@@ -85,22 +75,21 @@ class Experiment:
         self.reason: str | None = None
         self._defect: FlightError | None = None
         self._simulation = simulation
-        self._workers = workers
-        self._lock = asyncio.Lock()
+        self._clock = workers.clock
+        self._turns = Turns(workers)
         self._state: State = "paused"
         self._pacer = Pacer(simulation.period, 1.0, 0, 0.0)
         self._nudge = asyncio.Event()
         self._flight: asyncio.Task[None] | None = None
         self._advance: Advance | None = None
         self._view: tuple[int, View] | None = None
-        self._busy: set[asyncio.Task[Any]] = set()
         self.closed = False
 
     # ---- taking turns ---------------------------------------------------------------------------------------------
 
     async def read(self, look: Callable[[Simulation], T]) -> T:
         """Look at the simulation, in a thread, while nobody else has it."""
-        return await self._alone(lambda: asyncio.to_thread(look, self._simulation))
+        return await self._turns.alone(lambda: look(self._simulation))
 
     async def command(self, do: Callable[[Simulation], T]) -> T:
         """Do something to the simulation between two epochs; whoever watches is told.
@@ -123,45 +112,24 @@ class Experiment:
         if self.closed:
             raise Refused(410, f"the experiment {self.id!r} was deleted meanwhile")
 
-    async def _alone(self, work: Callable[[], Awaitable[T]]) -> T:
-        """Run ``work`` under the lock. A caller that gives up does not open the lock under a thread at work."""
-
-        async def locked() -> T:
-            async with self._lock:
-                return await work()
-
-        task = asyncio.ensure_future(locked())
-        self._busy.add(task)
-        task.add_done_callback(self._done)
-        return await asyncio.shield(task)
-
-    def _done(self, task: asyncio.Task[Any]) -> None:
-        self._busy.discard(task)
-        if not task.cancelled():
-            task.exception()  # whoever waited has it; whoever gave up does not want it
-
     async def _turn(self, fly: Callable[[], None]) -> None:
         """One slice of flight, in a worker."""
-        async with self._lock:
-            pass  # whoever waits for the simulation goes first, and no worker idles meanwhile
-        async with self._workers.turns:
-            loop = asyncio.get_running_loop()
-            await self._alone(lambda: loop.run_in_executor(self._workers.executor, fly))
+        await self._turns.fly(fly)
         self._publish()
 
     def _fly_while(self, more: Callable[[int], bool]) -> None:
         """In a worker: step while ``more`` says so of the epoch, and until the slice is used up."""
-        enough = self._workers.clock.now() + SLICE
+        enough = self._clock.now() + SLICE
         while more(self._simulation.epoch) and not self._simulation.finished:
             self._simulation.step()
-            if self._workers.clock.now() >= enough:
+            if self._clock.now() >= enough:
                 break
 
     def _fly_by_the_clock(self) -> None:
         """In a worker: fly what is due when the turn begins. A clock that was stopped meanwhile flies nowhere."""
         pacer = self._pacer
         if self._state == "running" and self._advance is None:
-            due = pacer.due(self._simulation.epoch, self._workers.clock.now())
+            due = pacer.due(self._simulation.epoch, self._clock.now())
             self._fly_while(lambda epoch: due is None or epoch < due)
             pacer.flown(self._simulation.epoch)
 
@@ -193,7 +161,7 @@ class Experiment:
         starts = state == "running" and self._state == "paused"
         if starts or speed is not None:
             kept = self._pacer.speed if speed is None else speed
-            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, self._workers.clock.now())
+            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, self._clock.now())
         if starts:
             self._state = "running"
             if self._flight is None or self._flight.done():
@@ -221,8 +189,8 @@ class Experiment:
             if self._advance is not None:
                 await self._nudge.wait()
                 continue
-            wait = self._pacer.wait(self._simulation.epoch, self._workers.clock.now())
-            if wait > 0.0 and await self._workers.clock.happens_within(self._nudge, wait):
+            wait = self._pacer.wait(self._simulation.epoch, self._clock.now())
+            if wait > 0.0 and await self._clock.happens_within(self._nudge, wait):
                 continue
             try:
                 await self._turn(self._fly_by_the_clock)
@@ -280,7 +248,7 @@ class Experiment:
             if self._advance is advance:
                 self._advance = None
                 self._pacer = Pacer(
-                    self._simulation.period, self._pacer.speed, self._simulation.epoch, self._workers.clock.now()
+                    self._simulation.period, self._pacer.speed, self._simulation.epoch, self._clock.now()
                 )
                 self._nudge.set()
                 self._publish(at_once=True)
@@ -347,7 +315,7 @@ class Experiment:
                 duration=simulation.duration,
                 reason=self.reason,
             ),
-            faults=[_shown(live) for live in simulation.faults],
+            faults=[shown(live) for live in simulation.faults],
             subsystems={
                 name: SubsystemStatus.model_validate(status, from_attributes=True)
                 for name, status in simulation.subsystems.items()
@@ -403,31 +371,4 @@ class Experiment:
             subscriber.changed(at_once=True)
         if self._flight is not None:
             await self._flight
-        await asyncio.gather(*self._busy, return_exceptions=True)
-
-
-def fault_state(simulation: Simulation, fault: Fault) -> FaultState:
-    """A fault as the API shows it; one that is no longer in the simulation has ended."""
-    for live in simulation.faults:
-        if live.fault.id == fault.id:
-            return _shown(live)
-    return _shown(LiveFault(fault, fault.unit, "ended", silent_because="cleared before it began"))
-
-
-def _shown(live: LiveFault) -> FaultState:
-    fault = live.fault
-    return FaultState(
-        id=str(fault.id),
-        channel=fault.channel,
-        kind=fault.kind,
-        magnitude=fault.magnitude,
-        unit=live.unit,
-        start=fault.start or 0.0,
-        end=fault.end,
-        angular_frequency=fault.angular_frequency,
-        rate=fault.rate,
-        state=live.state,
-        acting=live.acting,
-        acted_epochs=live.acted_epochs,
-        silent_because=live.silent_because,
-    )
+        await self._turns.settled()

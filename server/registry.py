@@ -14,14 +14,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from ftcore import Scenario, Simulation, catalogue
-from ftcore.scenario import Change, Clear, Inject
+from ftcore.commands import Change, Clear, Inject
 from server import problems
 from server.advances import Advance
-from server.experiments import Experiment, Workers
+from server.experiments import Experiment
 from server.models import whole
 from server.pacing import Clock
 from server.problems import Refused, at
 from server.settings import Settings
+from server.turns import Workers
 from server.uploads import Uploads
 
 

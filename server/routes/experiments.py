@@ -8,12 +8,13 @@ from fastapi import APIRouter, Request, Response
 
 from ftcore import CommandError
 from server.advances import for_as_long_as_the_client_listens
+from server.bodies import LargeBodies
 from server.dependencies import Live, Registry, SceneServers, kept_for
 from server.models import ExperimentState, Fork, NewExperiment
 from server.problems import Refused, at, documented
 from server.registry import scenario_from
 
-router = APIRouter(prefix="/experiments", tags=["experiments"])
+router = APIRouter(prefix="/experiments", tags=["experiments"], route_class=LargeBodies)
 
 
 @router.post(

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from ftcore import Fault, Simulation
 from server.dependencies import Live
-from server.experiments import fault_state
+from server.faults import fault_state
 from server.models import ExperimentState, FaultChange, FaultState, NewFault, SubsystemSwitch
 from server.problems import Refused, documented, from_validation
 

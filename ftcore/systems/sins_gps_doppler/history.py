@@ -23,7 +23,6 @@ from ftcore.systems.sins_gps_doppler.bank import Filters
 from ftcore.systems.sins_gps_doppler.filtering import Turns
 from ftcore.systems.sins_gps_doppler.forms import Settings
 from ftcore.systems.sins_gps_doppler.masters import Verdict
-from ftcore.systems.sins_gps_doppler.names import AID_TESTS
 from ftcore.systems.sins_gps_doppler.strapdowns import Damping, Motion
 
 Array = NDArray[np.float64]
@@ -167,11 +166,10 @@ def remember(
     while len(banks) > 1 and banks[1][0] <= now - SPAN:
         epochs = epochs[banks[1][0] - banks[0][0] :]
         banks = banks[1:]
-    alarm = tests.alarm.reshape(len(sums), len(AID_TESTS), 2)
-    by_ratio, by_sum = alarm[:, AID_TESTS.index("glr")], alarm[:, AID_TESTS.index("cusum")]
+    by_ratio, by_sum = tests.found["glr"].alarm, tests.found["cusum"].alarm
     onset = np.where(by_ratio, now - tests.age, now)
     onset = np.where(by_sum, np.minimum(onset, history.rest + 1), onset)
-    doubt = by_ratio | by_sum | alarm[:, AID_TESTS.index("residual")] | driving
+    doubt = by_ratio | by_sum | tests.found["residual"].alarm | driving
     series = now - history.doubted <= GAP
     since = np.where(doubt, np.where(series, np.minimum(history.since, onset), onset), history.since)
     taken = decided.use & decided.present

@@ -24,6 +24,7 @@ covariance grows by what that may miss (`HELD`).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +33,7 @@ from numpy.typing import NDArray
 
 from ftcore.detection import contradiction, parity, parity_calibration, supervisor
 from ftcore.detection.geometry import Cluster, mask_index
+from ftcore.detection.parity import Isolation, Sight
 from ftcore.earth import STANDARD_GRAVITY
 from ftcore.readings import Group
 from ftcore.systems.base import Flags
@@ -88,6 +90,7 @@ class ImuEpoch:
         omega_b, f_b: ``(runs, 2, samples, 3)``: protected (trusted instruments) and unprotected (all there are).
         parity: ``(runs, 2, 3)`` calibrated parity vectors.
         statistic, threshold, dof, alarm: ``(runs, 16)`` in the order of the description's IMU tests.
+        sight, found: what parity space saw, and what each test says; rows are runs times clusters.
         rest: the test of those that are trusted while another one is out.
         decision: of the supervisor on ``(runs, 6)`` instruments.
         undecided: of the supervisor on ``(runs, 2)`` clusters; isolated means that the rest disagrees for certain.
@@ -105,6 +108,8 @@ class ImuEpoch:
     threshold: Array
     dof: Array
     alarm: Flags
+    sight: Sight
+    found: Mapping[str, Isolation]
     rest: Rest
     decision: supervisor.Decision
     undecided: supervisor.Decision
@@ -261,6 +266,8 @@ class RedundantImu:
             threshold=columns(sight.threshold, "threshold"),
             dof=columns(sight.dof, "dof"),
             alarm=columns(sight.alarm, "alarm"),
+            sight=sight,
+            found=found,
             rest=rest,
             decision=decision,
             undecided=undecided,

@@ -6,13 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.detection import supervisor
+from ftcore.parts.instruments import CLUSTERS
 from ftcore.systems.base import Notice
 from ftcore.systems.sins_gps_doppler import overruled
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult
+from ftcore.systems.sins_gps_doppler.aids import AIDS, SLOTS
 from ftcore.systems.sins_gps_doppler.altimeter import AltimeterEpoch
+from ftcore.systems.sins_gps_doppler.forms import EPOCH
 from ftcore.systems.sins_gps_doppler.history import Culprits, History
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch
-from ftcore.systems.sins_gps_doppler.names import AIDS, CLUSTERS, EPOCH, SLOTS
 
 Array = NDArray[np.float64]
 
@@ -44,12 +46,14 @@ def of_imu(imu: ImuEpoch) -> list[Notice]:
             ("integrity.restored", imu.undecided.just_readmitted[:, c]),
         ):
             if where.any():
-                # With all of them in use it is the parity of all; the first columns are those of the first test.
-                whole = [v.reshape(len(v), -1, len(names), 4)[:, 0, c, 0] for v in (imu.statistic, imu.threshold)]
+                # While all are in use there is no rest: it is the parity of all that contradicts.
                 few = imu.rest.dof[:, c] > 0
                 numbers = {
-                    "statistic": np.where(few, imu.rest.statistic[:, c], whole[0]),
-                    "threshold": np.where(few, imu.rest.threshold[:, c], whole[1]),
+                    name: np.where(few, rest[:, c], whole.reshape(len(few), -1)[:, c])
+                    for name, rest, whole in (
+                        ("statistic", imu.rest.statistic, imu.sight.FD),
+                        ("threshold", imu.rest.threshold, imu.sight.threshold),
+                    )
                 }
                 notices.append(Notice(kind, f"imu.{cluster}", where, numbers))
     if imu.changed.any():

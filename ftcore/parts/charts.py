@@ -9,7 +9,7 @@ def chart_of_test(id: str, title: str, stem: str) -> Chart:
     """A test's statistic and its threshold; ``stem``: ``test.<test>.<subject>``."""
     return Chart(
         id=id,
-        title=title,
+        title=title[:1].upper() + title[1:],
         unit="1",
         group="tests",
         scale="log",

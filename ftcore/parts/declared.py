@@ -93,14 +93,14 @@ class Declared:
 
     Attributes:
         members: field -> member -> its label. Parts that name the same field have the same members.
-        roles: member -> how its traces are drawn, where that is not as a component.
+        roles: field -> member -> how its traces are drawn, where that is not as a component.
         subjects: what has health and is used or not -> label.
         wholes: what only tests look at, and nobody isolates -> label.
         tests: with all their subjects.
     """
 
     members: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    roles: Mapping[str, str] = field(default_factory=dict)
+    roles: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     channels: tuple[Channel, ...] = ()
     subsystems: tuple[Subsystem, ...] = ()
     subjects: Mapping[str, str] = field(default_factory=dict)
@@ -178,7 +178,8 @@ class Declared:
             for chosen in self._choices(pattern.id):
                 chart = self._filled(pattern, chosen)
                 traces = tuple(t for p in chart.traces for t in self._traces(p, chosen))
-                title = chart.title[:1].upper() + chart.title[1:]
+                # A member's label may begin a title.
+                title = chart.title[:1].upper() + chart.title[1:] if pattern.title.startswith("{") else chart.title
                 drawn.append(chart.model_copy(update={"title": title, "traces": traces}))
         return with_probabilities(tuple(drawn), self.all_tests())
 
@@ -186,7 +187,8 @@ class Declared:
         """A trace of every member, in its role; of several estimators only the protected one has its band."""
         for chosen in self._choices(pattern.signal):
             trace = self._filled(pattern, chosen)
-            roles = [self.roles[m] for m in (*chosen.values(), *of_chart.values()) if m in self.roles]
+            both = {**of_chart, **chosen}
+            roles = [of_field[both[name]] for name, of_field in self.roles.items() if name in both]
             if roles and trace.role == "component":
                 band = trace.sigma if roles[0] == "protected" else None
                 trace = trace.model_copy(update={"role": roles[0], "sigma": band})

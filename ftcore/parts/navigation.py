@@ -41,7 +41,7 @@ def declared(estimators: Mapping[str, str], roles: Mapping[str, str], attitude_u
     units = dict(zip(QUANTITIES, ("m", "m/s", attitude_unit), strict=True))
     return Declared(
         members={"estimator": estimators, "axis": {axis: axis for axis in ("east", "north", "up")}},
-        roles=roles,
+        roles={"estimator": roles},
         signals=(
             *(
                 Signals(f"{{estimator}}.{kind}.{q}.{{axis}}", f"{{estimator}}: {q} {{axis}} {words}", unit, kind)

@@ -123,6 +123,7 @@ class Reporter:
         blocks: state of some blocks of the diagram, each: ``blocks(now)``. The others are shown as waiting.
         items: state of scene items that are marked by more than health and faults, each: ``items(now)``.
         fixed: scene item -> a vector that never changes, or those of its members.
+        draw: adds what only a picture needs to the ledger: ``draw(time, truth, say)``.
     """
 
     def __init__(
@@ -133,12 +134,14 @@ class Reporter:
         blocks: Sequence[Callable[[Now], dict[str, BlockView]]],
         items: Sequence[Callable[[Now], dict[str, Health]]] = (),
         fixed: Mapping[str, Array] | None = None,
+        draw: Callable[[float, Any, Ledger], None] | None = None,
     ) -> None:
         self._description = description
         self._layout = layout
         self._errors = errors
         self._blocks = blocks
         self._items = items
+        self._draw = draw
         self._fixed = layout.vectors(fixed or {})
         channels = {channel.name: channel for channel in description.channels}
         self._covers = {
@@ -159,6 +162,8 @@ class Reporter:
     def view(self, time: float, truth: Any, output: Output | None, controls: Controls, faulted: frozenset[str]) -> View:
         """Diagram and scene of run 0."""
         said = None if output is None else self.complete(truth, output)
+        if said is not None and self._draw is not None:
+            self._draw(time, truth, said)
         now = Now(said, controls, healths(self._layout.subjects, output, controls), faulted)
         blocks = {block.id: BlockView(health="ok", text="waiting") for block in self._description.blocks}
         for part in self._blocks:

@@ -12,7 +12,7 @@ from ftcore.scenario import ready_ids
 
 RADARS = Declared(
     members={"radar": {"a": "Radar A", "b": "Radar B"}, "axis": {"x": "x", "y": "y", "z": "z"}},
-    roles={"a": "protected", "b": "local"},
+    roles={"radar": {"a": "protected", "b": "local"}},
     channels=channels_of(
         "radar.range",
         "Range of {}",

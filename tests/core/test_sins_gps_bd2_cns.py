@@ -10,7 +10,9 @@ from scipy.stats import chi2
 
 from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.faults import KINDS
-from ftcore.systems.sins_gps_bd2_cns.names import AIDS, ESTIMATORS, SUBSETS
+from ftcore.systems.sins_gps_bd2_cns.aids import AIDS
+from ftcore.systems.sins_gps_bd2_cns.estimators import ESTIMATORS
+from ftcore.systems.sins_gps_bd2_cns.weights import SUBSETS
 
 DESCRIPTION = catalogue.system("sins-gps-bd2-cns")
 ARCSEC = np.pi / 180.0 / 3600.0

@@ -32,7 +32,14 @@ def _errors(part: str, title: str, *more: Trace) -> Chart:
 
 DECLARED: Final = Declared(
     members={"estimator": {name: name for name in ESTIMATORS}, "axis": {name: name for name in AXES}},
-    roles={"snapshot": "local", "filter": "local", "combined": "protected", "unprotected": "unprotected"},
+    roles={
+        "estimator": {
+            "snapshot": "local",
+            "filter": "local",
+            "combined": "protected",
+            "unprotected": "unprotected",
+        }
+    },
     signals=(
         Signals("{estimator}.error.position.{axis}", "{estimator}: {axis} position error", "m", "error"),
         Signals("{estimator}.error.position.horizontal", "{estimator}: horizontal position error", "m", "error"),

@@ -28,6 +28,7 @@ LABELS: Final = {**ESTIMATORS, "healthy": "healthy twin"}
 RATES: Final = slice(S.P, S.R + 1)
 KILOMETRE: Final = 1000.0
 """Metres to a unit of the scene, for flight paths."""
+_ROLES: Final = {"protected": "protected", "unprotected": "unprotected", "healthy": "local"}
 _ERRORS: Final = {
     "position": ("m", "direction"),
     "velocity": ("m/s", "direction"),
@@ -62,7 +63,7 @@ DECLARED: Final = Declared(
         "flow": {"alpha": "alpha", "beta": "beta"},
         "surface": {part: part for part in ("elevator", "aileron", "rudder")},
     },
-    roles={"protected": "protected", "unprotected": "unprotected", "healthy": "local"},
+    roles={"estimator": _ROLES, "aircraft": _ROLES},
     signals=(
         *(
             Signals(

@@ -20,8 +20,8 @@ from ftcore.estimation import imm, ins_error, tolerant_fusion
 from ftcore.estimation.imm import Mixture
 from ftcore.estimation.tolerant_fusion import Drives, Fusion, Layout, SubsetUpdates
 from ftcore.systems.base import Flags
+from ftcore.systems.sins_gps_bd2_cns.aids import AIDS
 from ftcore.systems.sins_gps_bd2_cns.forms import Settings
-from ftcore.systems.sins_gps_bd2_cns.names import AIDS
 
 Array = NDArray[np.float64]
 LAYOUT = Layout(tuple(AIDS), (3, 3, 3))

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from ftcore import units
 from ftcore.estimation import ins_error
-from ftcore.systems.sins_gps_bd2_cns.forms import Parameters
+from ftcore.systems.sins_gps_bd2_cns.forms import EPOCH, Parameters
 from ftcore.systems.sins_gps_bd2_cns.imu import Imu
-from ftcore.systems.sins_gps_bd2_cns.names import EPOCH
 
 Array = NDArray[np.float64]
 N = ins_error.CORE_STATES

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from ftcore.detection import likelihood_ratio
 from ftcore.estimation import imm, ins_error, kalman
 from ftcore.systems.base import Flags
+from ftcore.systems.sins_gps_bd2_cns.aids import AIDS
 from ftcore.systems.sins_gps_bd2_cns.branch import LAYOUT
 from ftcore.systems.sins_gps_bd2_cns.error_model import ErrorModel
-from ftcore.systems.sins_gps_bd2_cns.names import AIDS
 from ftcore.systems.sins_gps_bd2_cns.protected import Epoch, Protected
 
 Array = NDArray[np.float64]

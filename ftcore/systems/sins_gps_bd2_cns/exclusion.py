@@ -25,9 +25,9 @@ from ftcore.detection import chi_square, supervisor
 from ftcore.estimation import imm, ins_error, kalman
 from ftcore.estimation.kalman import Innovation
 from ftcore.systems.base import Controls, Flags
+from ftcore.systems.sins_gps_bd2_cns.aids import AIDS
 from ftcore.systems.sins_gps_bd2_cns.branch import LAYOUT, STARS, Examined, Measured
 from ftcore.systems.sins_gps_bd2_cns.forms import Settings
-from ftcore.systems.sins_gps_bd2_cns.names import AIDS
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from ftcore.detection import supervisor
 from ftcore.estimation import federated, kalman
 from ftcore.estimation.federated import Bank, Estimate, Sharing
 from ftcore.systems.base import Flags
+from ftcore.systems.sins_gps_bd2_cns.aids import AIDS
 from ftcore.systems.sins_gps_bd2_cns.branch import Measured
 from ftcore.systems.sins_gps_bd2_cns.forms import Settings
-from ftcore.systems.sins_gps_bd2_cns.names import AIDS
 
 Array = NDArray[np.float64]
 

@@ -17,6 +17,9 @@ from ftcore.world.trajectory import Segment
 
 PAPER = "paper"
 
+EPOCH = 1.0
+"""Seconds between epochs."""
+
 
 class Phase(Form):
     """A part of the flight under high or low manoeuvre."""

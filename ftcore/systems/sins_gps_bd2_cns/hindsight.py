@@ -34,10 +34,10 @@ from ftcore.systems import past as kept
 from ftcore.systems.base import Flags
 from ftcore.systems.past import SPACING, Flight, Past, of_runs, with_runs
 from ftcore.systems.sins_gps_bd2_cns import evidence, exclusion, protected
+from ftcore.systems.sins_gps_bd2_cns.aids import AIDS
 from ftcore.systems.sins_gps_bd2_cns.branch import STARS, Measured
 from ftcore.systems.sins_gps_bd2_cns.error_model import ErrorModel
 from ftcore.systems.sins_gps_bd2_cns.forms import Settings
-from ftcore.systems.sins_gps_bd2_cns.names import AIDS
 from ftcore.systems.sins_gps_bd2_cns.protected import Epoch, Outcome, Protected
 
 Array = NDArray[np.float64]

@@ -16,15 +16,13 @@ from ftcore import units
 from ftcore.detection import supervisor
 from ftcore.detection.geometry import Cluster, three_two_dof
 from ftcore.readings import Group, Readings
-from ftcore.systems.base import Flags
-from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
-from ftcore.systems.sins_gps_bd2_cns.names import BODY, EPOCH, IMU_TESTS, INSTRUMENTS
+from ftcore.systems.sins_gps_bd2_cns.forms import EPOCH, Parameters, Settings
+from ftcore.systems.sins_gps_bd2_cns.inertial import BODY
 from ftcore.systems.sins_gps_doppler.forms import Settings as RedundantSettings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
 
 Array = NDArray[np.float64]
 GROUPS = ("imu.gyro", "imu.accelerometer")
-COLUMNS = len(IMU_TESTS) * len(GROUPS) * 4
 
 
 @dataclass(frozen=True)
@@ -42,17 +40,12 @@ class Epoch:
     Attributes:
         omega_b, f_b: ``(runs, S, samples, 3)``.
         noise: ``(runs or 1, S, 2, 3, 3)`` body noise covariance density of gyros and accelerometers.
-        tests: statistic, threshold, dof, alarm ``(runs, 16)`` of the redundant IMU; NaN, 0, 0 and False without one.
-        health, used: ``(runs, 6)`` instruments.
         redundant: its own report; None without one.
     """
 
     omega_b: Array
     f_b: Array
     noise: Array
-    tests: tuple[Array, Array, Array, Flags]
-    health: NDArray[np.int8]
-    used: Flags
     redundant: ImuEpoch | None
 
 
@@ -86,9 +79,6 @@ class Imu:
             self._redundant = RedundantImu(
                 self.cluster, self.density, self.bias, calibration, i.calibration, EPOCH, scale
             )
-        nothing = np.zeros((runs, COLUMNS))
-        self._untested = (np.full((runs, COLUMNS), np.nan), nothing, nothing, nothing.astype(bool))
-        self._unused = np.zeros((runs, len(INSTRUMENTS)), bool)
         self.noise = (np.square(self.density)[:, None, None] * np.eye(3))[None, None]
 
     @property
@@ -113,16 +103,7 @@ class Imu:
         gyro, accelerometer = (readings[name] for name in GROUPS)
         if self._redundant is None:
             held, (omega_b, f_b) = self._plain(state.held, (gyro, accelerometer))
-            epoch = Epoch(
-                omega_b[:, None],
-                f_b[:, None],
-                self.noise,
-                self._untested,
-                self._unused.astype(np.int8),
-                self._unused,
-                None,
-            )
-            return State(held, None), epoch
+            return State(held, None), Epoch(omega_b[:, None], f_b[:, None], self.noise, None)
         assert state.redundant is not None
         after, found = self._redundant.step(
             state.redundant,
@@ -133,16 +114,7 @@ class Imu:
             ),
             rules,
         )
-        epoch = Epoch(
-            found.omega_b,
-            found.f_b,
-            found.noise,
-            (found.statistic, found.threshold, found.dof, found.alarm),
-            found.decision.health,
-            found.used.reshape(self.runs, -1),
-            found,
-        )
-        return State(state.held, after), epoch
+        return State(state.held, after), Epoch(found.omega_b, found.f_b, found.noise, found)
 
     def _plain(self, held: Array, groups: tuple[Group, Group]) -> tuple[Array, list[Array]]:
         """Samples ``(runs, samples, 3)`` of gyros and accelerometers; an axis without readings holds the last."""

@@ -21,21 +21,25 @@ from ftcore.detection import supervisor
 from ftcore.estimation import imm, ins_error
 from ftcore.estimation.imm import Mixture
 from ftcore.estimation.strapdown import InsState, propagate
+from ftcore.parts import instruments, navigation
+from ftcore.parts.instruments import CLUSTERS
+from ftcore.parts.ledger import Layout, Ledger
 from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Notice, Output
 from ftcore.systems.past import notices as flown_again
-from ftcore.systems.sins_gps_bd2_cns import bank, hindsight, measurements, protected
+from ftcore.systems.reporting import output
+from ftcore.systems.sins_gps_bd2_cns import aid_tests, aids, bank, hindsight, measurements, protected, weights
 from ftcore.systems.sins_gps_bd2_cns import branch as fault_tolerant
+from ftcore.systems.sins_gps_bd2_cns.aids import AIDS, READINGS
 from ftcore.systems.sins_gps_bd2_cns.branch import STARS, Branch, Examined, Measured, Motion
 from ftcore.systems.sins_gps_bd2_cns.error_model import ErrorModel, Flown
-from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
+from ftcore.systems.sins_gps_bd2_cns.estimators import ESTIMATORS
+from ftcore.systems.sins_gps_bd2_cns.forms import EPOCH, Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.hindsight import Hindsight, History, Review
 from ftcore.systems.sins_gps_bd2_cns.imu import Epoch as ImuEpoch
 from ftcore.systems.sins_gps_bd2_cns.imu import Imu
 from ftcore.systems.sins_gps_bd2_cns.imu import State as ImuState
-from ftcore.systems.sins_gps_bd2_cns.names import AID_READINGS, AIDS, CLUSTERS, EPOCH
 from ftcore.systems.sins_gps_bd2_cns.protected import Epoch, Outcome, Protected
-from ftcore.systems.sins_gps_bd2_cns.reporter import Detail
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch as RedundantEpoch
 
 Array = NDArray[np.float64]
@@ -81,8 +85,15 @@ class Navigator:
     """See :class:`ftcore.systems.base.Navigator`."""
 
     def __init__(
-        self, p: Parameters, chart: measurements.Chart, runs: int, alignment: InsState, calibration: Array
+        self,
+        p: Parameters,
+        chart: measurements.Chart,
+        runs: int,
+        alignment: InsState,
+        calibration: Array,
+        layout: Layout,
     ) -> None:
+        self._layout = layout
         self._p = p
         self._chart = chart
         self._runs = runs
@@ -192,16 +203,17 @@ class Navigator:
             corrected,
             past,
         )
+        say = Ledger(self._layout, self._runs)
         estimates = (
             (seen.fused.x, seen.fused.P),
             (plain_fusion.x, plain_fusion.P),
             imm.combine(unprotected),
             imm.combine(alone),
         )
-        detail = self._detail(new, estimates, seen, imu)
+        self._report(say, new, estimates, seen, plain, imu)
         if corrects:
             new = self._correct(new, seen.fused.x)
-        return new, _output(seen, plain, imu, _notices(seen, past, review, imu), detail)
+        return new, output(say, _notices(seen, past, review, imu))
 
     # ---- parts of an epoch ----------------------------------------------------------------------------------------
 
@@ -233,7 +245,7 @@ class Navigator:
         """All aids against each strapdown."""
         runs, S = self._runs, self._imu.solutions
         values, valid = np.empty((runs, len(AIDS), 3)), np.empty((runs, len(AIDS), 3), bool)
-        for i, (name, quantity) in enumerate(AID_READINGS.items()):
+        for i, (name, quantity) in enumerate(READINGS.items()):
             group = readings[quantity]
             values[:, i] = group.values
             valid[:, i] = group.valid & controls.enabled[name]
@@ -265,57 +277,36 @@ class Navigator:
             corrected=0,
         )
 
-    def _detail(
+    def _report(
         self,
+        say: Ledger,
         state: NavigatorState,
         estimates: Sequence[tuple[Array, Array]],
         seen: Outcome,
+        plain: Examined,
         imu: ImuEpoch,
-    ) -> Detail:
-        """What the reporter shows; ``estimates`` in the order fused, without IMM, unprotected, the three alone."""
+    ) -> None:
+        """What the epoch came to; ``estimates`` in the order of :data:`.estimators.ESTIMATORS`, the last one of the
+        three alone."""
         runs, S = self._runs, self._imu.solutions
+        examined, main = seen.examined, state.protected.main
+        assert examined.state is not None  # the main filter has both forms
+        aid_tests.report(say, examined.innovation, examined.state, plain.innovation, examined.driving)
+        aids.report(say, seen.decision.health, seen.used)
+        weights.report(say, seen.alpha, seen.beta, main.mixture.mu, main.pair.reference, main.age)
+        if imu.redundant is not None:
+            r = imu.redundant
+            instruments.report(say, r.sight, r.found, r.parity)
+            say.judge("imu.{cluster}.{instrument}", r.decision.health.reshape(r.used.shape), r.used)
+        used = np.zeros((1, len(CLUSTERS), 3), bool) if imu.redundant is None else imu.redundant.used
+        say["used.imu.{cluster}.{instrument}"] = used
         ins = InsState(*(v.reshape(runs, S, *v.shape[1:]) for v in (state.ins.lla, state.ins.v_n, state.ins.C_nb)))
         *single, (x_alone, P_alone) = estimates
         x = np.concatenate([*(x[:, None] for x, _ in single), x_alone], axis=1)
         P = np.concatenate([*(P[:, None] for _, P in single), P_alone], axis=1)
-        main, examined = state.protected.main, seen.examined
-        return Detail(
-            ins=ins,
-            x=x[..., :9],
-            P=P[..., :9, :9],
-            alpha=seen.alpha,
-            mu=main.mixture.mu,
-            doubt=np.where(examined.driving.present, examined.innovation.suspect, np.nan),
-            beta=seen.beta,
-            reference=main.pair.reference,
-            age=main.age,
-            parity=None if imu.redundant is None else imu.redundant.parity,
-        )
-
-
-def _output(seen: Outcome, plain: Examined, imu: ImuEpoch, notices: list[Notice], detail: Detail) -> Output:
-    examined = seen.examined
-    assert examined.state is not None  # the main filter has both forms
-    tests = (examined.innovation, examined.state, plain.innovation)
-    absent = ~np.concatenate([t.present for t in tests], axis=-1)
-    statistic = np.where(absent, np.nan, np.concatenate([t.q for t in tests], axis=-1))
-    columns = (
-        statistic,
-        np.concatenate([t.reject for t in tests], axis=-1),
-        np.concatenate([t.dof for t in tests], axis=-1).astype(float),
-        np.concatenate([t.alarm for t in tests], axis=-1),
-    )
-    both = [np.concatenate([a, b], axis=-1) for a, b in zip(columns, imu.tests, strict=True)]
-    return Output(
-        statistic=both[0],
-        threshold=both[1],
-        dof=both[2],
-        alarm=both[3],
-        health=np.concatenate([seen.decision.health, imu.health], axis=-1).astype(np.int8),
-        used=np.concatenate([seen.used, imu.used], axis=-1),
-        notices=notices,
-        detail=detail,
-    )
+        # The unprotected filter has a strapdown of its own, where there are two.
+        corrects = [S - 1 if name == "unprotected" else 0 for name in ESTIMATORS]
+        navigation.report(say, ins, corrects, x[..., :9], P[..., :9, :9])
 
 
 def _raw(state: NavigatorState, m: Measured) -> Array:

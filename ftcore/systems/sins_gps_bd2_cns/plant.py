@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from ftcore import earth, units
 from ftcore.estimation.strapdown import InsState
 from ftcore.noise import NoiseSource
+from ftcore.parts.navigation import Truth
 from ftcore.readings import Group, Readings
 from ftcore.rotation import rotvec_to_matrix, rpy_to_matrix
 from ftcore.sensors import positioning, star_tracker
 from ftcore.sensors.inertial import AxisCluster
-from ftcore.systems.reporting import Truth
-from ftcore.systems.sins_gps_bd2_cns.forms import Flight, Parameters
+from ftcore.systems.sins_gps_bd2_cns.forms import EPOCH, Flight, Parameters
+from ftcore.systems.sins_gps_bd2_cns.inertial import AXES, BODY
 from ftcore.systems.sins_gps_bd2_cns.measurements import Chart
-from ftcore.systems.sins_gps_bd2_cns.names import AXES, BODY, EPOCH
 from ftcore.world import manoeuvres
 from ftcore.world.path import Path
 from ftcore.world.trajectory import Segment, Straight, plan

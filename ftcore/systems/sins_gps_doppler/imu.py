@@ -26,7 +26,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +88,6 @@ class ImuEpoch:
     Attributes:
         omega_b, f_b: ``(runs, 2, samples, 3)``: protected (trusted instruments) and unprotected (all there are).
         parity: ``(runs, 2, 3)`` calibrated parity vectors.
-        statistic, threshold, dof, alarm: ``(runs, 16)`` in the order of the description's IMU tests.
         sight, found: what parity space saw, and what each test says; rows are runs times clusters.
         rest: the test of those that are trusted while another one is out.
         decision: of the supervisor on ``(runs, 6)`` instruments.
@@ -104,10 +102,6 @@ class ImuEpoch:
     omega_b: Array
     f_b: Array
     parity: Array
-    statistic: Array
-    threshold: Array
-    dof: Array
-    alarm: Flags
     sight: Sight
     found: Mapping[str, Isolation]
     rest: Rest
@@ -196,10 +190,6 @@ class RedundantImu:
         sight = parity.look(reference, readings, p_fa, None if everybody else present.reshape(-1, INSTRUMENTS))
         found = {"parity": parity.by_plane(sight), "glt": parity.by_likelihood(sight)}
 
-        def columns(of_set: NDArray[Any], field: str) -> NDArray[Any]:
-            tables = [np.column_stack([of_set, getattr(test, field)]) for test in found.values()]
-            return np.moveaxis(np.stack(tables).reshape(len(found), runs, CLUSTERS, -1), 0, 1).reshape(runs, -1)
-
         out = (state.supervisor.health == supervisor.ISOLATED).reshape(runs, CLUSTERS, INSTRUMENTS)
         trusted = present & ~out
         complete = trusted.all(axis=-1)
@@ -262,10 +252,6 @@ class RedundantImu:
             omega_b=body[:, :, 0],
             f_b=body[:, :, 1],
             parity=sight.p.reshape(runs, CLUSTERS, -1) * self._unit[:, None],
-            statistic=columns(sight.FD, "statistic"),
-            threshold=columns(sight.threshold, "threshold"),
-            dof=columns(sight.dof, "dof"),
-            alarm=columns(sight.alarm, "alarm"),
             sight=sight,
             found=found,
             rest=rest,

@@ -93,7 +93,10 @@ def report(say: Ledger, imu: ImuEpoch) -> None:
     say.test("parity-trusted", "imu.{cluster}", statistic, threshold, rest.dof, rest.alarm)
     say.judge("imu.{cluster}.{instrument}", imu.decision.health.reshape(imu.used.shape), imu.used)
     say["used.imu.{cluster}.{instrument}"] = imu.used
-    ratio = np.sqrt(np.nan_to_num(imu.sight.FD / imu.sight.threshold).reshape(-1, len(CLUSTERS))[0])
+    # With one instrument left there is no parity: no threshold, and nothing to draw.
+    seen = imu.sight.dof > 0
+    square = np.divide(imu.sight.FD, imu.sight.threshold, out=np.zeros_like(imu.sight.FD), where=seen)
+    ratio = np.sqrt(square.reshape(-1, len(CLUSTERS))[0])
     p = imu.parity[0]
     length = np.maximum(np.linalg.norm(p, axis=-1), 1e-30)
     say.draw("parity.{cluster}", p / length[:, None] * np.minimum(ratio, 2.0)[:, None])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ftcore import units
 from ftcore.detection import supervisor
-from ftcore.estimation import imm, ins_error
+from ftcore.estimation import imm, ins_error, kalman
 from ftcore.estimation.imm import Mixture
 from ftcore.estimation.strapdown import InsState, propagate
 from ftcore.readings import Readings
@@ -282,7 +282,7 @@ class Navigator:
         return Detail(
             ins=ins,
             x=x[..., :9],
-            P=P[..., :9, :9],
+            P=kalman.sound(P[..., :9, :9]),
             alpha=seen.alpha,
             mu=main.mixture.mu,
             doubt=np.where(examined.driving.present, examined.innovation.suspect, np.nan),

@@ -29,6 +29,8 @@ _CORNER = 1e300
 """Larger than any e' P^-1 e, so that a matrix bordered by e and this stays positive definite."""
 _FEW_ROWS = 400
 """Below this many matrix rows in a stack, one LAPACK call is quicker than a recursion of NumPy calls (measured)."""
+_SOUND = 1e-8
+"""Least eigenvalue of a covariance of unit diagonal that was mended."""
 _LEAF = 5
 """So small a triangular matrix is inverted entry by entry."""
 
@@ -183,6 +185,32 @@ def identity(n: int) -> Array:
     eye = np.eye(n)
     eye.flags.writeable = False
     return eye
+
+
+def sound(P: Array) -> Array:
+    """Covariances (..., n, n), those that rounding has made indefinite replaced by the nearest ones that are not.
+
+    An innovation of thousands of sigma leaves a spread between models that is 1e13 times what they know; the update
+    after it takes that away again, and what remains is rounding. Such a matrix is brought to unit diagonal, and its
+    eigenvalues to `_SOUND` at least: what it says of those directions is lost, and they are known no better than that.
+    Sound ones come back as they are, to the bit, and so do those with a number that is not finite.
+    """
+    try:
+        np.linalg.cholesky(P)
+        return P
+    except np.linalg.LinAlgError:
+        pass
+    n = P.shape[-1]
+    mended = P.reshape(-1, n, n).copy()
+    for i, matrix in enumerate(mended):
+        if not np.isfinite(matrix).all():
+            continue
+        variance = np.abs(np.diagonal(matrix))
+        scale = np.sqrt(np.maximum(variance, np.finfo(float).tiny))
+        values, V = np.linalg.eigh(symmetric(matrix / (scale[:, None] * scale)))
+        if values[0] < _SOUND:
+            mended[i] = symmetric((V * np.maximum(values, _SOUND)) @ V.T) * (scale[:, None] * scale)
+    return mended.reshape(P.shape)
 
 
 def cholesky(A: Array) -> Array:

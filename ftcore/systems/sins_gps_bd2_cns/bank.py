@@ -59,6 +59,7 @@ def predict(
     drifting = imm.predicted_probabilities(main.drifting, transition)
     noise = _noise(Q, np.exp(drifting if own else mixed.log_mu[:, :1]))
     x, P = kalman.predict(x, P, Phi if Phi.shape[1] == 1 else Phi[:, INS], noise)
+    P = kalman.sound(P)
     log_mu = mixed.log_mu
     one = Mixture(x[:, CONVENTIONAL], P[:, CONVENTIONAL], conventional.mixture.log_mu)
     return (

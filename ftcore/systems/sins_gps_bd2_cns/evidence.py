@@ -48,7 +48,7 @@ def weigh(
         P[:, ins_error.ATTITUDE, ins_error.ATTITUDE] += e.turning @ e.turning.swapaxes(-1, -2)
         left_out = np.repeat(e.out | masked[:, i], LAYOUT.rows // len(AIDS), axis=-1)
         valid = e.valid & ~left_out
-        update = kalman.update(x, P, e.y, e.H, R, valid)
+        update = kalman.update(x, kalman.sound(P), e.y, e.H, R, valid)
         ratio = likelihood_ratio.step(ratio, update, Phi, e.H, columns, valid)
         x, P = update.x, update.P
         if e.correction is not None:

@@ -47,6 +47,7 @@ def step(
         state = start(state.fused, settings)
     sharing = state.sharing
     prior = federated.predict(state.bank, Phi, Q, sharing, state.members)
+    prior = Bank(prior.x, kalman.sound(prior.P))
     x, P = prior.locals
     runs, count, n = x.shape
     rows = (runs, count, m.y.shape[-1] // count)

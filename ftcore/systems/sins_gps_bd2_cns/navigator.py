@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ftcore import units
 from ftcore.detection import supervisor
-from ftcore.estimation import imm, ins_error
+from ftcore.estimation import imm, ins_error, kalman
 from ftcore.estimation.imm import Mixture
 from ftcore.estimation.strapdown import InsState, propagate
 from ftcore.parts import instruments, navigation
@@ -306,7 +306,7 @@ class Navigator:
         P = np.concatenate([*(P[:, None] for _, P in single), P_alone], axis=1)
         # The unprotected filter has a strapdown of its own, where there are two.
         corrects = [S - 1 if name == "unprotected" else 0 for name in ESTIMATORS]
-        navigation.report(say, ins, corrects, x[..., :9], P[..., :9, :9])
+        navigation.report(say, ins, corrects, x[..., :9], kalman.sound(P[..., :9, :9]))
 
 
 def _raw(state: NavigatorState, m: Measured) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ftcore.detection import propagators, supervisor
 from ftcore.detection.propagators import SubsystemTests
-from ftcore.estimation import imm
+from ftcore.estimation import imm, kalman
 from ftcore.estimation.federated import Estimate
 from ftcore.estimation.imm import Mixture
 from ftcore.estimation.tolerant_fusion import SubsetUpdates
@@ -194,7 +194,8 @@ def again(state: Protected, e: Epoch, model: ErrorModel, R: Array, transition: A
     mixture = imm.predict(main.mixture, Phi, Q, transition)
     drifting = imm.predicted_probabilities(main.drifting, transition)
     pair = propagators.carry(main.pair, Phi, Q, np.exp(drifting) if settings.propagator_models == "own" else mixture.mu)
-    state = replace(state, main=fault_tolerant.carried(main, mixture, pair.x, pair.P, drifting))
+    mixture = replace(mixture, P=kalman.sound(mixture.P))
+    state = replace(state, main=fault_tolerant.carried(main, mixture, pair.x, kalman.sound(pair.P), drifting))
     m = Measured(e.y, e.H, R, e.valid)
     compared = fault_tolerant.compare([state.main], m, settings)[0]
     state, outcome = conclude(state, compared, m, e.motion, e.controls, Phi, Q)

@@ -12,7 +12,14 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 from pydantic_core import PydanticCustomError
 
 from ftcore.documents import Seconds, Strict
@@ -26,6 +33,10 @@ class CommandError(ValueError):
     def __init__(self, field: str, message: str) -> None:
         super().__init__(message)
         self.field = field
+
+
+class NoSuchFault(CommandError):
+    """A command to a fault that is not there."""
 
 
 class FlightError(RuntimeError):
@@ -75,14 +86,21 @@ def _names_its_action(schema: dict[str, Any]) -> None:
 
 
 class _Base(Strict):
+    action: str
+    time: Seconds
+
     model_config = ConfigDict(json_schema_extra=_names_its_action)
+
+    @model_serializer(mode="wrap")
+    def _with_its_action(self, handler: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
+        """Also where defaults are left out. Pydantic takes the schema from the fields, as no type is returned."""
+        return {"action": self.action, **handler(self)}
 
 
 class Inject(_Base):
     """Operator command: inject this fault."""
 
     action: Literal["inject"] = "inject"
-    time: Seconds
     fault: Fault
 
 
@@ -90,7 +108,6 @@ class Change(_Base):
     """Operator command: change fields of a fault."""
 
     action: Literal["change"] = "change"
-    time: Seconds
     fault: Id
     fields: Values
 
@@ -99,7 +116,6 @@ class Clear(_Base):
     """Operator command: clear one fault, or all (``fault`` absent)."""
 
     action: Literal["clear"] = "clear"
-    time: Seconds
     fault: Id | None = None
 
 
@@ -107,7 +123,6 @@ class Switch(_Base):
     """Operator command: switch a subsystem."""
 
     action: Literal["switch"] = "switch"
-    time: Seconds
     subsystem: Name
     enabled: bool
 
@@ -116,7 +131,6 @@ class Configure(_Base):
     """Operator command: change settings."""
 
     action: Literal["configure"] = "configure"
-    time: Seconds
     settings: Values
 
 
@@ -124,7 +138,6 @@ class Advance(_Base):
     """Fly on to a time, or for a number of epochs, or to the end if neither is given; never past the end."""
 
     action: Literal["advance"] = "advance"
-    time: Seconds
     until: float | None = Field(default=None, ge=0.0, json_schema_extra={"unit": "s"})
     epochs: int | None = Field(default=None, ge=0)
 
@@ -133,7 +146,6 @@ class Rewind(_Base):
     """Go back to an earlier moment, as it was when the clock left it; what came later is forgotten."""
 
     action: Literal["rewind"] = "rewind"
-    time: Seconds
     to: Seconds
 
 
@@ -161,15 +173,16 @@ class Answer(Strict):
 
 
 C = TypeVar("C", bound=Strict)
+_INSIDE: dict[type[Strict], str] = {Inject: "fault", Change: "fields", Configure: "settings"}
+"""Where a command has what it is about."""
 
 
-def made(form: type[C], values: Mapping[str, Any], whole: str = "") -> C:
+def made(form: type[C], values: Mapping[str, Any]) -> C:
     """A command of these values.
 
     Args:
         form: its class.
         values: its fields; numbers of NumPy are numbers.
-        whole: the field to name where pydantic names none.
 
     Raises:
         CommandError: a value that the form does not take, with the field that is wrong.
@@ -178,7 +191,13 @@ def made(form: type[C], values: Mapping[str, Any], whole: str = "") -> C:
     try:
         return form.model_validate(numbers)
     except ValidationError as error:
-        raise refusal(error, whole) from None
+        first = error.errors()[0]
+        message = first["msg"].removeprefix("Value error, ")
+        names = [str(part) for part in first["loc"]]
+        if names[:1] == [_INSIDE.get(form)]:
+            # A rule on a whole fault begins with the field that breaks it.
+            names = names[1:] or [word for word in message.split(" ")[:1] if word in Fault.model_fields] or names
+        raise CommandError(".".join(names), message) from None
 
 
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -196,9 +215,6 @@ def refusal(error: ValidationError, whole: str, known: str = "") -> CommandError
     first = error.errors()[0]
     hint = known if first["type"] == "extra_forbidden" else ""
     return CommandError(".".join(map(str, first["loc"])) or whole, first["msg"] + hint)
-
-
-_INSIDE: dict[type[Strict], str] = {Inject: "fault", Change: "fields", Configure: "settings"}
 
 
 def place(command: Command, field: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from ftcore.commands import CommandError, refusal
+from ftcore.commands import CommandError, NoSuchFault, refusal
 from ftcore.faults import KINDS, ChannelAddress, Fault, FaultError, check, unused
 from ftcore.scenario import MAX_FAULTS
 from ftcore.systems.base import Controls, Form
@@ -62,12 +62,12 @@ class Operator:
         return Controls(self.enabled, self.settings)
 
     def find(self, fault_id: str) -> Fault:
-        """The fault of that id. Raises CommandError, listing those there are."""
+        """The fault of that id. Raises NoSuchFault, listing those there are."""
         for fault in self.faults:
             if fault.id == fault_id:
                 return fault
         known = ", ".join(str(f.id) for f in self.faults) or "none"
-        raise CommandError("fault", f"no fault {fault_id!r}; there is {known}")
+        raise NoSuchFault("fault", f"no fault {fault_id!r}; there is {known}")
 
     def find_subsystem(self, name: str) -> None:
         """Raise CommandError, listing those there are, if there is no subsystem of that name."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ftcore import Fault, Simulation
-from ftcore.operator import LiveFault
+from ftcore.operator import LiveFault, ended_by
 from server.models import FaultState
 
 
@@ -12,7 +12,8 @@ def fault_state(simulation: Simulation, fault: Fault) -> FaultState:
     for live in simulation.faults:
         if live.fault.id == fault.id:
             return shown(live)
-    return shown(LiveFault(fault, fault.unit, "ended", silent_because="cleared before it began"))
+    ended = ended_by(fault, simulation.now)
+    return shown(LiveFault(ended, fault.unit, "ended", silent_because="cleared before it began"))
 
 
 def shown(live: LiveFault) -> FaultState:

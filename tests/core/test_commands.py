@@ -80,6 +80,7 @@ def test_given_a_command_then_it_is_json_and_back_to_the_same_value(command: Com
     text = adapter.dump_json(command)
     assert json.loads(text)["action"] == command.action
     assert adapter.validate_json(text) == command
+    assert adapter.validate_python(command.model_dump(exclude_defaults=True)) == command
     with pytest.raises(ValidationError):
         command.time = 5.0  # type: ignore[misc]
     schema = adapter.json_schema()
@@ -307,6 +308,16 @@ def test_given_an_id_that_no_fault_can_have_then_nothing_is_cleared_and_the_fiel
         with pytest.raises(CommandError) as refused:
             do(id)
         assert refused.value.field == "fault"
+    assert everything(sim) == before
+
+
+def test_given_a_fault_that_breaks_a_rule_then_the_field_is_the_one_that_breaks_it() -> None:
+    sim = Simulation(BARE).advance(epochs=2)
+    before = everything(sim)
+    for wrong, field in ({"start": 9.0, "end": 5.0}, "end"), ({"rate": 0.5}, "rate"):
+        with pytest.raises(CommandError) as refused:
+            sim.inject(BIAS.model_copy(update=wrong))
+        assert refused.value.field == field
     assert everything(sim) == before
 
 

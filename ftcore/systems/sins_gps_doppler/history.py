@@ -48,6 +48,7 @@ class Epoch:
         settings, sharing, enabled: as they were; ``enabled`` of GPS and Doppler.
         motion, damping, ins: of the strapdowns; ``ins (2 runs,)`` at the end of the epoch.
         changed, jump: where the redundant IMU changed ``(runs,)``, and by how much ``(runs, 2, 3, 3)``.
+        opening: ``(runs,)`` by which the filters were opened; see :mod:`.overruled`.
         opened, shift: of the altimeter's bias ``(runs,)``; see :func:`bank.reopen_bias`.
         readings: of GPS and Doppler.
         members: ``(runs, 2)`` that shared the process noise.
@@ -64,6 +65,7 @@ class Epoch:
     ins: InsState
     changed: Flags
     jump: Array
+    opening: Array
     opened: Array
     shift: Array
     readings: Readings
@@ -216,6 +218,7 @@ def of_runs(e: Epoch, who: Ints) -> Epoch:
         ins=InsState(e.ins.lla[twice], e.ins.v_n[twice], e.ins.C_nb[twice]),
         changed=e.changed[who],
         jump=e.jump[who],
+        opening=e.opening[who],
         opened=e.opened[who],
         shift=e.shift[who],
         readings=Readings(r.time, {name: group(read) for name, read in r.groups.items()}, r.aiding),

@@ -38,6 +38,7 @@ from ftcore.systems.sins_gps_doppler import (
     inertial,
     masters,
     notices,
+    overruled,
     satellites,
     strapdowns,
 )
@@ -80,6 +81,7 @@ class NavigatorState:
     master: str
     sound: NDArray[np.int64]
     history: History
+    overruled: overruled.State
 
 
 class Navigator:
@@ -105,6 +107,8 @@ class Navigator:
         bias = np.array([units.to_si(i.gyro_bias, "deg/h"), units.to_si(i.accelerometer_bias, "ug")])
         self._imu = RedundantImu(cluster, density, bias, np.stack(calibration, axis=1), i.calibration, EPOCH)
         self._P0 = _initial_covariance(p, cluster, bias)
+        self._biases = np.zeros_like(self._P0)
+        self._biases[9:15, 9:15] = self._P0[9:15, 9:15]
         self._gains = damping_gains(a.vertical_damping, p.flight.height)
         # A noise that is set to nothing would leave the witness nothing to weigh readings by.
         self._altimeter_variance = max(a.altimeter_noise, LEAST_NOISE) ** 2
@@ -135,6 +139,7 @@ class Navigator:
             master=controls.settings.master,
             sound=np.zeros(self._runs, np.int64),
             history=history.start(self._runs),
+            overruled=overruled.start(self._runs),
         )
 
     def step(self, state: NavigatorState, readings: Readings, controls: Controls) -> tuple[NavigatorState, Output]:
@@ -157,6 +162,8 @@ class Navigator:
         filters = bank.predict(filters, Phi, Q, sharing, state.members)
         factors = federated.noise_factors(sharing, state.members)
         filters = filtering.bias_jump(filters, imu.changed, imu.bias_change, factors)
+        opening = state.overruled.opening
+        filters = overruled.reopen(filters, opening, self._biases, factors)
 
         damping = strapdowns.altimeter(ins, readings, controls.enabled["altimeter"])
         altimeter_state, judged = altimeter.judge(
@@ -204,13 +211,14 @@ class Navigator:
             np.stack([np.broadcast_to(p.dof[:, 0], (runs,)) for p in predictions], axis=-1),
         )
         supervision, decision = supervisor.step(
-            state.supervisor, driving, (admission <= limit) & has_reading, enabled, rules
+            overruled.taken_back(state.supervisor, opening), driving, (admission <= limit) & has_reading, enabled, rules
         )
 
         back = decision.just_readmitted
         decided = masters.verdict(settings, decision, has_reading, tests)
         feeding = decided.use & has_reading
         sound, turns = _turns(state.sound, decision, feeding, settings.propagator_period)
+        prior = filters
         filters, made = filtering.conclude(settings, sharing, filters, updated, (gps, doppler), decided, turns)
         past = history.remember(
             past,
@@ -223,6 +231,7 @@ class Navigator:
                 ins,
                 imu.changed,
                 imu.bias_change,
+                opening,
                 judged.opened,
                 judged.shift,
                 history.light(readings),
@@ -245,6 +254,7 @@ class Navigator:
             (judged.decision.just_isolated[:, 0], judged.age),
             self._p.aiding,
             self._altimeter_variance,
+            self._biases,
         )
         # A filter that was flown again has another past than what its tests remember.
         renewed = back if culprits is None else back | culprits.renewed
@@ -264,6 +274,7 @@ class Navigator:
             settings.master,
             sound,
             past,
+            overruled.judge(state.overruled, prior, (gps, doppler), has_reading, decision.isolated, imu),
         )
         say = Ledger(self._layout, runs)
         inertial.report(say, imu)
@@ -281,6 +292,7 @@ class Navigator:
             *integrity.notices,
             *notices.of_aids(decision, tests),
             *notices.of_imu(imu),
+            *notices.reopened(opening),
             *notices.of_altimeter(judged),
             *notices.flown_again(past, culprits),
         )

@@ -17,10 +17,13 @@ from rich.table import Table
 
 from ftcore import CommandError, FlightError, Scenario, Simulation, catalogue
 from ftcore.files import check_replaceable, replacing
-from ftcore.score import Score, of_alarms
+from ftcore.score import Score, merge, of_alarms
 from server import problems, report
 from server.models import NewFault
 from server.settings import UserError
+
+TOGETHER = 200
+"""Runs that fly side by side where no file is written: what they recorded is not needed once they are scored."""
 
 WRITERS: dict[str, Callable[[Simulation, Path], object]] = {
     ".parquet": lambda simulation, path: simulation.to_parquet(path),
@@ -43,16 +46,10 @@ def fly(
     try:
         if out is not None:
             check_replaceable(out)  # better now than after the flight
-        recorded = signals if signals is not None or out is not None else []
-        simulation = _simulation(scenario, runs, seed, recorded)
         console = Console()
-        try:
-            _advance(simulation, console)
-        except CommandError as error:
-            raise UserError(str(error)) from None
-        except FlightError as error:
-            raise UserError(f"{error}; up to then it can be flown with a shorter duration") from None
-        _show(simulation.score(), simulation, console)
+        recorded = signals if signals is not None or out is not None else []
+        simulation, score = _flown(scenario, runs, runs if out is not None else TOGETHER, seed, recorded, console)
+        _show(score, simulation, console)
         if out is not None and write is not None:
             write(simulation, out)
             console.print(f"written: {out}", soft_wrap=True, highlight=False, markup=False)
@@ -62,15 +59,41 @@ def fly(
         raise UserError(f"--out {out} cannot be written: {error.strerror or error}") from None
 
 
+def _flown(
+    scenario: Scenario, runs: int, together: int, seed: int | None, signals: Sequence[str] | None, console: Console
+) -> tuple[Simulation, Score]:
+    """All runs flown to the end, so many side by side: the simulation of the first ones, and the score of all."""
+    flight = part = _simulation(scenario, min(together, runs), seed, signals)
+    scores: list[Score] = []
+    whole = flight.last_epoch * flight.period
+    try:
+        with _bar(console) as progress:
+            task = progress.add_task(escape(scenario.title), total=whole * math.ceil(runs / together))
+            for first in range(0, runs, together):
+                if first:
+                    part = _simulation(scenario, min(together, runs - first), seed, signals, first)
+                while not part.finished:
+                    part.step()
+                    progress.update(task, completed=whole * len(scores) + part.now)
+                scores.append(part.score())
+    except CommandError as error:
+        raise UserError(str(error)) from None
+    except FlightError as error:
+        raise UserError(f"{error}; up to then it can be flown with a shorter duration") from None
+    return flight, merge(scores)
+
+
 def _report(simulation: Simulation, path: Path) -> None:
     page = report.render(report.gather(simulation, simulation.scenario.title))
     with replacing(path) as unfinished:
         unfinished.write_bytes(page)
 
 
-def _simulation(scenario: Scenario, runs: int, seed: int | None, signals: Sequence[str] | None) -> Simulation:
+def _simulation(
+    scenario: Scenario, runs: int, seed: int | None, signals: Sequence[str] | None, first: int = 0
+) -> Simulation:
     try:
-        return Simulation(scenario, runs=runs, seed=seed, signals=signals)
+        return Simulation(scenario, runs=runs, seed=seed, signals=signals, first_run=first)
     except ValueError as error:
         raise UserError(str(error)) from None
 
@@ -169,22 +192,18 @@ def _writer(out: Path) -> Callable[[Simulation, Path], object]:
     return WRITERS[out.suffix]
 
 
-def _advance(simulation: Simulation, console: Console) -> None:
+def _bar(console: Console) -> Progress:
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task(escape(simulation.scenario.title), total=simulation.last_epoch * simulation.period)
-        while not simulation.finished:
-            simulation.step()
-            progress.update(task, completed=simulation.now)
+    return Progress(*columns, console=console, transient=True)
 
 
 def _show(score: Score, simulation: Simulation, console: Console) -> None:
-    runs = f", {simulation.runs} runs" if simulation.runs > 1 else ""
+    runs = f", {score.runs} runs" if score.runs > 1 else ""
     title = f"{simulation.scenario.title}: {simulation.now:g} s, seed {simulation.seed}{runs}"
     console.print(title, highlight=False, markup=False)
     headline = _table("", "", "compared with")

@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ftcore import Scenario, Simulation
+from server import batch
 from server.cli import main
 from server.settings import REPOSITORY
 from tests.synthetic_log import ANTENNA, files
@@ -195,6 +196,15 @@ def test_a_flight_from_the_command_line_writes_what_it_flew(ftlab: Command, shor
     assert (tmp_path / "out.csv").read_text().startswith('"time","run"')
     assert ftlab("run", short, "--out", str(tmp_path / "out.html"))[0] == 0
     assert "Plotly" in (tmp_path / "out.html").read_text()
+
+
+def test_given_many_runs_when_they_fly_some_at_a_time_then_the_score_is_of_all(
+    ftlab: Command, short: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once = ftlab("run", short, "--runs", "5", "--seed", "4")
+    monkeypatch.setattr(batch, "TOGETHER", 2)
+    assert ftlab("run", short, "--runs", "5", "--seed", "4") == at_once
+    assert "5 runs" in at_once[1]
 
 
 def test_given_chosen_signals_then_only_they_are_written_and_drawn_and_the_score_is_the_same(

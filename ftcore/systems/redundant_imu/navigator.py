@@ -36,6 +36,7 @@ from ftcore.systems.redundant_imu.forms import Parameters, Settings
 from ftcore.systems.redundant_imu.model import ATTITUDE, RATES, FlightModel
 from ftcore.systems.redundant_imu.names import AIR, AIR_DATA, AIRCRAFT, EPOCH, GYRO, INSTRUMENTS, PROTECTED, SUBJECTS
 from ftcore.systems.redundant_imu.reporter import Detail
+from ftcore.systems.two_axis import unpaired
 
 Array = NDArray[np.float64]
 AXES = 2 * INSTRUMENTS
@@ -235,6 +236,7 @@ class Navigator:
             ),
             detail=detail,
             command=command,
+            left_out=unpaired(readings, (GYRO,)),
         )
         return after, output
 

@@ -7,6 +7,7 @@ are. The plain IMU has one.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,11 +17,12 @@ from ftcore import units
 from ftcore.detection import supervisor
 from ftcore.detection.geometry import Cluster, three_two_dof
 from ftcore.readings import Group, Readings
-from ftcore.systems.base import Flags
+from ftcore.systems.base import Flags, LeftOut
 from ftcore.systems.sins_gps_bd2_cns.forms import Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.names import BODY, EPOCH, IMU_TESTS, INSTRUMENTS
 from ftcore.systems.sins_gps_doppler.forms import Settings as RedundantSettings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
+from ftcore.systems.two_axis import unpaired
 
 Array = NDArray[np.float64]
 GROUPS = ("imu.gyro", "imu.accelerometer")
@@ -45,6 +47,7 @@ class Epoch:
         tests: statistic, threshold, dof, alarm ``(runs, 16)`` of the redundant IMU; NaN, 0, 0 and False without one.
         health, used: ``(runs, 6)`` instruments.
         redundant: its own report; None without one.
+        left_out: readings that are there but that it does not use, by group.
     """
 
     omega_b: Array
@@ -54,6 +57,7 @@ class Epoch:
     health: NDArray[np.int8]
     used: Flags
     redundant: ImuEpoch | None
+    left_out: Mapping[str, LeftOut]
 
 
 def geometry(p: Parameters) -> Cluster:
@@ -121,6 +125,7 @@ class Imu:
                 self._unused.astype(np.int8),
                 self._unused,
                 None,
+                {},
             )
             return State(held, None), epoch
         assert state.redundant is not None
@@ -141,6 +146,7 @@ class Imu:
             found.decision.health,
             found.used.reshape(self.runs, -1),
             found,
+            unpaired(readings, GROUPS, len(BODY)),
         )
         return State(state.held, after), epoch
 

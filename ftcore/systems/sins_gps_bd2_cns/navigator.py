@@ -371,6 +371,7 @@ class Navigator:
             used=np.concatenate([used, imu.used], axis=-1),
             notices=_notices(examined, forgotten, imu),
             detail=detail,
+            left_out=imu.left_out,
         )
 
 

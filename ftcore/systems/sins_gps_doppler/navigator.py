@@ -48,6 +48,7 @@ from ftcore.systems.sins_gps_doppler.masters import Fused
 from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, EPOCH, SLOTS
 from ftcore.systems.sins_gps_doppler.reporter import Detail
 from ftcore.systems.sins_gps_doppler.satellites import SatelliteState
+from ftcore.systems.two_axis import unpaired
 
 Array = NDArray[np.float64]
 SUBJECTS = tuple(AIDS)
@@ -292,6 +293,7 @@ class Navigator:
                 *notices.flown_again(past, culprits),
             ],
             detail=detail,
+            left_out=unpaired(readings, ("imu.gyro", "imu.accelerometer")),
         )
         return after, output
 

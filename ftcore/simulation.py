@@ -30,7 +30,7 @@ from ftcore.readings import Readings
 from ftcore.recording import Recording
 from ftcore.scenario import Change, Clear, Command, Configure, Inject, Scenario, Switch
 from ftcore.score import Score, compute
-from ftcore.systems.base import HEALTH, Flags, Output, addresses
+from ftcore.systems.base import HEALTH, Flags, Output, addresses, no_effect
 from ftcore.threads import one_blas_thread
 
 __all__ = ["CommandError", "FlightError", "LiveFault", "Simulation", "SubsystemState"]
@@ -103,9 +103,9 @@ class Simulation:
         self.description: SystemDescription = system.description
         self._noise = NoiseSource(self.seed, range(first_run, first_run + runs))
         self._channels = addresses(self.description)
-        parameters = system.Parameters.model_validate(scenario.parameters)
+        self._parameters = system.Parameters.model_validate(scenario.parameters)
         try:
-            self._assembly = system.assemble(parameters, scenario.duration, self._noise.runs, self._noise)
+            self._assembly = system.assemble(self._parameters, scenario.duration, self._noise.runs, self._noise)
         except ValueError as error:
             # What only shows when the parts are put together, a receiver's log that cannot be read for instance.
             raise CommandError(getattr(error, "field", "parameters"), str(error)) from error
@@ -240,8 +240,8 @@ class Simulation:
 
     @property
     def idle_settings(self) -> Mapping[str, str]:
-        """Settings that change nothing with the parameters of this flight, and why."""
-        return self._assembly.idle_settings
+        """Settings that change nothing with the parameters of this flight and the other settings, and why."""
+        return self._idle(self._operator.settings)
 
     def latest(self) -> dict[str, float]:
         """Last value of every signal of run 0, SI."""
@@ -444,9 +444,9 @@ class Simulation:
     def configure(self, **settings: Any) -> dict[str, Any]:
         """Change settings of the system. Returns all of them. Raises CommandError, naming the field."""
         after = desk.configure(self._operator, self.scenario.model.Settings, settings)
-        for name, why in self.idle_settings.items():
+        for name, why in self._idle(after.settings).items():
             if getattr(after.settings, name) != getattr(self._operator.settings, name):
-                raise CommandError(name, f"{name} changes nothing here: {why}")
+                raise CommandError(name, no_effect(name, why))
         if after.settings != self._operator.settings:
             self._operator = after
             self._event(-1, "settings.changed", "settings", dict(settings))
@@ -474,6 +474,11 @@ class Simulation:
         self._operator = after
         self._fault_event("fault.injected", injected)
         return injected
+
+    def _idle(self, settings: Any) -> Mapping[str, str]:
+        settled = not np.isin(self._state.health, (HEALTH.index("suspect"), HEALTH.index("isolated"))).any()
+        idle: Mapping[str, str] = settings.without_effect(self._parameters, settled)
+        return idle
 
     def _outlook(self) -> Outlook:
         return Outlook(self._seen(), self.epoch, self.last_epoch, self.period, self._assembly.visible)

@@ -182,11 +182,16 @@ export const toggleGhost = single(() =>
     else await ghost.summon();
   }));
 
-/** @param {'dark' | 'light'} theme */
-export function setTheme(theme) {
-  localStorage.setItem('theme', theme);
+/** Shows the page in a theme, for this visit. @param {'dark' | 'light'} theme */
+export function wear(theme) {
   document.documentElement.dataset.theme = theme;
   store.set({ theme });
+}
+
+/** Shows the page in a theme, from now on. @param {'dark' | 'light'} theme */
+export function setTheme(theme) {
+  localStorage.setItem('theme', theme);
+  wear(theme);
 }
 
 /** @param {string} scenario */
@@ -222,10 +227,11 @@ export const open = (experiment) =>
 
 export const shareLink = () =>
   attempt(async () => {
-    const { now, cursor, shown, zoom, follow } = store.get();
+    const { now, cursor, shown, zoom, follow, theme, picture, large, experiment } = store.get();
     const scenario = await read.document(id());
-    const address = await link({ scenario, time: now, cursor, charts: shown, zoom, follow });
-    await copy(address, 'Link copied: it restores scenario, seed, every command, this cursor and these charts.');
+    const title = experiment && experiment.title !== experiment.scenario.title ? experiment.title : null;
+    const address = await link({ scenario, time: now, cursor, charts: shown, zoom, follow, title, theme, picture, large });
+    await copy(address, 'Link copied: it restores scenario, seed, every command, this cursor, these charts and how the page looks.');
     return address;
   });
 

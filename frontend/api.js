@@ -25,6 +25,20 @@ export class Problem extends Error {
 export const calls = [];
 export const callMade = new EventTarget();
 
+/** Calls that the server has not answered yet. @type {Map<Promise<Response>, string>} */
+const open = new Map();
+
+/**
+ * Waits until the server has answered all that was asked of an experiment. A browser keeps few calls under way at a time, so one that
+ * was made long ago may not even have been sent.
+ * @param {string} id
+ */
+export async function answered(id) {
+  const mine = (/** @type {string} */ path) => path === experiment(id) || path.startsWith(`${experiment(id)}/`);
+  const left = () => [...open].filter(([, path]) => mine(path)).map(([call]) => call);
+  for (let waiting = left(); waiting.length; waiting = left()) await Promise.allSettled(waiting);
+}
+
 /**
  * @param {string} method
  * @param {string} path
@@ -32,7 +46,20 @@ export const callMade = new EventTarget();
  * @param {string} [accept]
  * @returns {Promise<Response>}
  */
-async function request(method, path, body, accept = 'application/json') {
+function request(method, path, body, accept) {
+  const call = asked(method, path, body, accept);
+  open.set(call, path);
+  return call.finally(() => open.delete(call));
+}
+
+/**
+ * @param {string} method
+ * @param {string} path
+ * @param {unknown} [body]
+ * @param {string} [accept]
+ * @returns {Promise<Response>}
+ */
+async function asked(method, path, body, accept = 'application/json') {
   /** @type {Record<string, string>} */
   const headers = { accept };
   const form = body instanceof FormData;

@@ -21,7 +21,7 @@ import './panels/experiments.js';
 import './panels/parameters.js';
 import './panels/receiver.js';
 import './panels/confirm.js';
-import { attempt, look, say, zoomTo } from './actions.js';
+import { attempt, look, say, wear, zoomTo } from './actions.js';
 import { Problem, read } from './api.js';
 import * as session from './session.js';
 import { unpack } from './share.js';
@@ -37,8 +37,7 @@ function theme() {
   const light = matchMedia('(prefers-color-scheme: light)');
   const apply = () => {
     const chosen = localStorage.getItem('theme') ?? (light.matches ? 'light' : 'dark');
-    document.documentElement.dataset.theme = chosen;
-    store.set({ theme: chosen === 'light' ? 'light' : 'dark' });
+    wear(chosen === 'light' ? 'light' : 'dark');
   };
   apply();
   if (!kept) light.addEventListener('change', apply);
@@ -69,9 +68,10 @@ async function arrive() {
 async function restored(hash) {
   try {
     const shared = await unpack(hash);
-    await session.create(shared.scenario, { until: shared.time });
+    await session.create(shared.scenario, { until: shared.time, title: shared.title ?? undefined });
     if (shared.charts) session.show(shared.charts);
-    store.set({ welcome: false, follow: shared.follow });
+    if (shared.theme) wear(shared.theme);
+    store.set({ welcome: false, follow: shared.follow, large: shared.large, ...(shared.picture && { picture: shared.picture }) });
     zoomTo(shared.zoom);
     look(shared.cursor);
     return true;

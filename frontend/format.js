@@ -84,6 +84,26 @@ export function timeTicks(from, to, count) {
   return ticks;
 }
 
+/** A text in which no line ends between a number and its unit. @param {string} text */
+export function kept(text) {
+  return text.replace(/(\d) (?=(?:%|°|[a-zµ]{1,4}\/[a-z]{1,4}²?|s|m|h|km|mg|min|rad|arcsec)(?![\w/]))/g, '$1\u00a0');
+}
+
+/**
+ * Ticks of a time axis that is so many pixels wide, so that no two labels touch; whether a label stands at the very end.
+ * @param {number} from
+ * @param {number} to
+ * @param {number} width [px]
+ * @param {number} most
+ * @returns {{at: number, text: string, end: boolean}[]}
+ */
+export function labelledTicks(from, to, width, most) {
+  const longest = clock(to, decimalsOf(timeStep(to - from, most))).length;
+  const ticks = timeTicks(from, to, Math.max(2, Math.min(most, Math.floor(width / (6.2 * longest + 14)))));
+  const decimals = ticks.length > 1 ? decimalsOf(ticks[1] - ticks[0]) : 0;
+  return ticks.map((at) => ({ at, text: clock(at, decimals), end: to - at < 0.02 * (to - from) }));
+}
+
 /** `main.part` -> `main part`. @param {string} name */
 export function words(name) {
   return name.replace(/[._-]+/g, ' ').trim();

@@ -25,9 +25,10 @@ export function resolved(schema, root) {
   return schema;
 }
 
-/** @param {string} name @param {Schema} schema */
+/** The title that was given to a field, else its name; a schema without one has `gps_share` as "Gps Share". @param {string} name @param {Schema} schema */
 export function fieldLabel(name, schema) {
-  return schema.title && schema.title.toLowerCase() !== words(name).toLowerCase() ? schema.title : capital(words(name));
+  const made = words(name).replace(/(^| )[a-z]/g, (letter) => letter.toUpperCase());
+  return schema.title && schema.title !== made ? schema.title : capital(words(name));
 }
 
 /**

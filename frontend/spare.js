@@ -3,7 +3,7 @@
  * keeps few, and every visit would use one up.
  * @import {Experiment} from './types'
  */
-import { Problem, commands, read, send } from './api.js';
+import { Problem, answered, commands, read, send } from './api.js';
 import { store } from './store.js';
 
 /** A stream that was closed here is gone on the server a little later [ms]. */
@@ -66,6 +66,7 @@ export async function forsake(id) {
   if (!id || !made.delete(id)) return;
   leaving.add(id);
   await new Promise((resolve) => setTimeout(resolve, PARTING));
+  await answered(id);
   try {
     const all = await read.experiments();
     const left = all.find((one) => one.id === id);

@@ -102,6 +102,7 @@ const initial = {
   prefill: null,
   busy: null,
   large: false,
+  picture: '',
   rate: null,
 };
 

@@ -97,6 +97,8 @@ export interface State {
   busy: string | null;
   /** The scene is at full size. */
   large: boolean;
+  /** Which of the system's pictures the scene shows; empty, or one that it has not: the first. */
+  picture: string;
   /** Seconds of flight a second, as measured; null while that cannot be told. */
   rate: number | null;
 }

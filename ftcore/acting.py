@@ -6,14 +6,16 @@ is switched off, or whose reading the navigator leaves out unseen, does not act.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from ftcore.commands import LiveFault, Operator
+from ftcore.events import Raw, fault_detail
 from ftcore.faults import Acted, ChannelAddress, Fault
 from ftcore.injection import Effect, not_in_view
+from ftcore.operator import LiveFault, Operator, live, unit_of
 from ftcore.readings import Readings
 from ftcore.systems.base import Output
 
@@ -70,6 +72,71 @@ def follow(
     return Deeds(acted, silent)
 
 
+@dataclass(frozen=True)
+class Situation:
+    """A flight at one moment, as far as its faults are concerned.
+
+    Attributes:
+        operator: what is broken, switched and set.
+        deeds: of all faults.
+        channels: addresses by channel name.
+        seen: clean readings of the last epoch, of the first one before it is flown; None where they are not known.
+        now: time of the last epoch [s].
+        runs: how many there are.
+        settled: nobody is suspected or isolated, in any run.
+    """
+
+    operator: Operator
+    deeds: Deeds
+    channels: Mapping[str, ChannelAddress]
+    seen: Readings | None
+    now: float
+    runs: int
+    settled: bool = True
+
+    def standing(self, fault: Fault) -> LiveFault:
+        """A fault with its state, what it does in run 0, and why it is silent if it is."""
+        known = live(fault, self.now, self.channels)
+        return standing(known, self.deeds, self.operator.enabled, self.channels, self.seen, self.runs)
+
+    def has_acted(self, fault: Fault) -> bool:
+        """Whether it has changed anything in any run."""
+        return bool(self.deeds.of(fault, self.runs).epochs.any())
+
+    def event(self, kind: str, fault: Fault, run: int = -1, **more: Any) -> Raw:
+        """An event about a fault."""
+        detail = fault_detail(fault, unit_of(fault, self.channels)) | more
+        return run, kind, self.channels[fault.channel].sensor, detail
+
+    def if_silent(self, fault: Fault) -> Iterator[Raw]:
+        """An event for a fault that is over, or lasts until the flight is, if it has acted in no run."""
+        if not self.has_acted(fault):
+            yield self.event("fault.silent", fault, because=self.standing(fault).silent_because)
+
+    def edges(self, before: float, deeds_before: Deeds, finished: bool) -> Iterator[Raw]:
+        """Events of faults in the last epoch: begun, ended, acting for the first time; at the end, never having acted.
+
+        Args:
+            before: time of the epoch before [s].
+            deeds_before: of that epoch.
+            finished: whether the flight is over.
+        """
+        for fault in self.operator.faults:
+            assert fault.start is not None
+            if before < fault.start <= self.now or (before == 0.0 == fault.start):
+                yield self.event("fault.started", fault)
+            if fault.end is not None and before < fault.end <= self.now:
+                yield self.event("fault.ended", fault)
+                yield from self.if_silent(fault)
+        for fault in self.operator.faults:
+            if deeds_before.of(fault, self.runs).epochs.all():
+                continue
+            for run in np.flatnonzero(self.deeds.of(fault, self.runs).first == self.now).tolist():
+                yield self.event("fault.acted", fault, run)
+            if finished and (fault.end is None or fault.end > self.now):
+                yield from self.if_silent(fault)
+
+
 def standing(
     fault: LiveFault,
     deeds: Deeds,
@@ -81,7 +148,7 @@ def standing(
     """The fault with what it does in run 0, and why it is silent if it is.
 
     Args:
-        fault: as :func:`ftcore.commands.live` says it.
+        fault: as :func:`ftcore.operator.live` says it.
         deeds: of all faults.
         enabled: subsystem -> switched on.
         channels: addresses by channel name.

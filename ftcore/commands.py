@@ -1,22 +1,30 @@
-"""The operator's commands, and everything that they have set, as a value.
+"""Commands: everything that is done to a flight, each a frozen value with its time.
 
-A command is a function from an operator to a new one; it refuses what cannot be, with the field that is wrong, and then
-nothing has changed.
+:meth:`ftcore.simulation.Simulation.do` takes them and is the only way into a flight. A command is JSON and back
+(``TypeAdapter(Command)``), told from the others by its ``action``; so is the answer to it. What the operator does is
+kept in the command log of a scenario document; the two that move time, :class:`Advance` and :class:`Rewind`, are not.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import ValidationError
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
+from pydantic_core import PydanticCustomError
 
-from ftcore.faults import KINDS, ChannelAddress, Fault, FaultError, check, unused
-from ftcore.scenario import MAX_FAULTS
-from ftcore.systems.base import Controls, Form
-
-Channels = Mapping[str, ChannelAddress]
+from ftcore.documents import Seconds, Strict
+from ftcore.faults import Fault
+from ftcore.identifiers import Id, Name
 
 
 class CommandError(ValueError):
@@ -25,6 +33,10 @@ class CommandError(ValueError):
     def __init__(self, field: str, message: str) -> None:
         super().__init__(message)
         self.field = field
+
+
+class NoSuchFault(CommandError):
+    """A command to a fault that is not there."""
 
 
 class FlightError(RuntimeError):
@@ -44,183 +56,158 @@ class FlightError(RuntimeError):
         )
 
 
-@dataclass(frozen=True)
-class LiveFault:
-    """A fault as the operator sees it; what it does is of run 0.
+def _number(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is no number, text, true or false")
 
-    Attributes:
-        fault: what was laid where.
-        unit: of its magnitude, as a person reads it.
-        state: whether its time has come, and gone.
-        acting: whether it changed what the navigator was given in the last epoch.
-        acted_epochs: in how many epochs it has done so.
-        silent_because: one clause that says why it is not acting; None while it is.
-    """
 
+def _as_json(values: dict[str, Any]) -> dict[str, Any]:
+    """The values as JSON gives them back, so that a command written and read is the same command."""
+    try:
+        text = json.dumps(values, allow_nan=False, default=_number, ensure_ascii=False)
+        text.encode()
+        copy: dict[str, Any] = json.loads(text)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise PydanticCustomError(
+            "json", "these are finite numbers, texts, true or false: {reason}", {"reason": str(error)}
+        ) from None
+    return copy
+
+
+Values = Annotated[dict[str, Any], AfterValidator(_as_json)]
+"""Named values, of which the command's own form says nothing more."""
+
+
+def _names_its_action(schema: dict[str, Any]) -> None:
+    """A document has to say what its commands are; in Python the class does."""
+    del schema["properties"]["action"]["default"]
+    schema["required"] = ["action", *schema["required"]]
+
+
+class _Base(Strict):
+    action: str
+    time: Seconds
+
+    model_config = ConfigDict(json_schema_extra=_names_its_action)
+
+    @model_serializer(mode="wrap")
+    def _with_its_action(self, handler: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
+        """Also where defaults are left out. Pydantic takes the schema from the fields, as no type is returned."""
+        return {"action": self.action, **handler(self)}
+
+
+class Inject(_Base):
+    """Operator command: inject this fault."""
+
+    action: Literal["inject"] = "inject"
     fault: Fault
-    unit: str | None
-    state: Literal["armed", "active", "ended"]
-    acting: bool = False
-    acted_epochs: int = 0
-    silent_because: str | None = None
 
 
-@dataclass(frozen=True)
-class Operator:
-    """What is broken, switched and set.
+class Change(_Base):
+    """Operator command: change fields of a fault."""
+
+    action: Literal["change"] = "change"
+    fault: Id
+    fields: Values
+
+
+class Clear(_Base):
+    """Operator command: clear one fault, or all (``fault`` absent)."""
+
+    action: Literal["clear"] = "clear"
+    fault: Id | None = None
+
+
+class Switch(_Base):
+    """Operator command: switch a subsystem."""
+
+    action: Literal["switch"] = "switch"
+    subsystem: Name
+    enabled: bool
+
+
+class Configure(_Base):
+    """Operator command: change settings."""
+
+    action: Literal["configure"] = "configure"
+    settings: Values
+
+
+class Advance(_Base):
+    """Fly on to a time, or for a number of epochs, or to the end if neither is given; never past the end."""
+
+    action: Literal["advance"] = "advance"
+    until: float | None = Field(default=None, ge=0.0, json_schema_extra={"unit": "s"})
+    epochs: int | None = Field(default=None, ge=0)
+
+
+class Rewind(_Base):
+    """Go back to an earlier moment, as it was when the clock left it; what came later is forgotten."""
+
+    action: Literal["rewind"] = "rewind"
+    to: Seconds
+
+
+OperatorCommand = Annotated[Inject | Change | Clear | Switch | Configure, Field(discriminator="action")]
+"""What the operator does: the command log of a scenario document holds these."""
+
+Command = Annotated[Inject | Change | Clear | Switch | Configure | Advance | Rewind, Field(discriminator="action")]
+"""Everything that can be done to a flight."""
+
+
+class Answer(Strict):
+    """What came of a command that was not refused.
 
     Attributes:
-        faults: all that were ever injected and flew, or still may.
-        enabled: subsystem -> switched on.
-        settings: the system's settings form.
-        next_id: number of the next fault that comes without an id.
-        scripted: how many commands of the scenario's own log have been given.
+        command: as it was done: a fault that was injected has its id and its start.
+        outcome: done; unchanged, where everything was so already; scheduled, to be done when its time comes.
+        time: where the flight stands afterwards.
+        faults: those that were injected, changed, ended, or taken away before they began (these as they were).
     """
 
-    faults: tuple[Fault, ...]
-    enabled: Mapping[str, bool]
-    settings: Any
-    next_id: int = 1
-    scripted: int = 0
-
-    @property
-    def controls(self) -> Controls:
-        """The part the navigator sees."""
-        return Controls(self.enabled, self.settings)
-
-    def find(self, fault_id: str) -> Fault:
-        """The fault of that id. Raises CommandError, listing those there are."""
-        for fault in self.faults:
-            if fault.id == fault_id:
-                return fault
-        known = ", ".join(str(f.id) for f in self.faults) or "none"
-        raise CommandError("fault", f"no fault {fault_id!r}; there is {known}")
+    command: Command
+    outcome: Literal["done", "unchanged", "scheduled"]
+    time: Seconds
+    faults: tuple[Fault, ...] = ()
 
 
-def unit_of(fault: Fault, channels: Channels) -> str | None:
-    """Unit of a fault's magnitude, as a person reads it."""
-    return fault.unit or KINDS[fault.kind].unit(channels[fault.channel].unit)
+C = TypeVar("C", bound=Strict)
+_INSIDE: dict[type[Strict], str] = {Inject: "fault", Change: "fields", Configure: "settings"}
+"""Where a command has what it is about."""
 
 
-def live(fault: Fault, now: float, channels: Channels) -> LiveFault:
-    """A fault with its state at ``now`` [s]."""
-    assert fault.start is not None
-    state: Literal["armed", "active", "ended"] = "active"
-    if fault.end is not None and now >= fault.end - 1e-9:
-        state = "ended"
-    elif now < fault.start - 1e-9:
-        state = "armed"
-    return LiveFault(fault, unit_of(fault, channels), state)
+def made(form: type[C], values: Mapping[str, Any]) -> C:
+    """A command of these values.
 
+    Args:
+        form: its class.
+        values: its fields; numbers of NumPy are numbers.
 
-def inject(
-    operator: Operator, fault: Fault, now: float, channels: Channels, absent: Mapping[str, str]
-) -> tuple[Operator, Fault]:
-    """Lay a fault over a channel that is not ``absent``; start defaults to now, an id is given where there is none."""
-    if len(operator.faults) >= MAX_FAULTS:
-        raise CommandError("fault", f"there are {MAX_FAULTS} faults already, the most one flight takes")
-    number = operator.next_id
-    taken = {f.id for f in operator.faults}
-    if fault.id in taken:
-        raise CommandError("id", f"there is a fault {fault.id!r} already; leave id out to be given one")
-    while fault.id is None and f"f{number}" in taken:
-        number += 1
-    start = now if fault.start is None else fault.start
-    _refuse_past(start, now, "leave start out to begin now, or rewind")
-    if fault.end is not None and fault.end <= start:
-        raise CommandError("end", f"end is {fault.end:g} s, which is not after the start at {start:g} s")
-    injected = fault.model_copy(update={"id": fault.id or f"f{number}", "start": start})
-    _checked(injected, channels, absent)
-    return replace(operator, faults=(*operator.faults, injected), next_id=number + 1), injected
-
-
-def change(
-    operator: Operator,
-    fault_id: str,
-    fields: Mapping[str, Any],
-    now: float,
-    channels: Channels,
-    absent: Mapping[str, str],
-) -> tuple[Operator, Fault]:
-    """Change fields of a fault that is armed or active."""
-    old = operator.find(fault_id)
-    if live(old, now, channels).state == "ended":
-        raise CommandError("fault", f"fault {fault_id!r} has ended; inject a new one")
-    if "id" in fields:
-        raise CommandError("id", "a fault keeps its id; leave it out")
-    if fields.get("start", old.start) is None:
-        raise CommandError("start", "start of a fault that is there cannot be none; give a time in seconds")
-    kind = fields.get("kind", old.kind)
-    if kind in KINDS:
-        for name in fields:
-            if not KINDS[kind].uses(name):
-                raise CommandError(name, unused(kind, name))
-    kept = {name: value for name, value in old.model_dump().items() if kind not in KINDS or KINDS[kind].uses(name)}
+    Raises:
+        CommandError: a value that the form does not take, with the field that is wrong.
+    """
+    numbers = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
     try:
-        new = Fault.model_validate(kept | dict(fields))
+        return form.model_validate(numbers)
     except ValidationError as error:
-        raise refusal(error, "end") from None
-    if new.start != old.start:
-        assert old.start is not None
-        if live(old, now, channels).state == "active":
-            raise CommandError(
-                "start", f"fault {fault_id!r} has started at {old.start:g} s; clear it and inject another one"
-            )
-        assert new.start is not None
-        _refuse_past(new.start, now, "give a later one, or rewind")
-    if new.end is not None and new.end != old.end and new.end <= now + 1e-9:
-        raise CommandError(
-            "end", f"end is {new.end:g} s, but the flight is at {now:g} s; clear the fault to end it now"
-        )
-    _checked(new, channels, absent)
-    return replace(operator, faults=tuple(new if f.id == fault_id else f for f in operator.faults)), new
+        first = error.errors()[0]
+        message = first["msg"].removeprefix("Value error, ")
+        names = [str(part) for part in first["loc"]]
+        if names[:1] == [_INSIDE.get(form)]:
+            # A rule on a whole fault begins with the field that breaks it.
+            names = names[1:] or [word for word in message.split(" ")[:1] if word in Fault.model_fields] or names
+        raise CommandError(".".join(names), message) from None
 
 
-def _refuse_past(start: float, now: float, instead: str) -> None:
-    """Refuse a start [s] that the flight has passed."""
-    if start < now - 1e-9:
-        raise CommandError("start", f"start is {start:g} s, but the flight is at {now:g} s; {instead}")
-
-
-def _checked(fault: Fault, channels: Channels, absent: Mapping[str, str]) -> None:
-    """Refuse a fault that its channel cannot take, or for which there is none."""
-    try:
-        check(fault, channels)
-    except FaultError as error:
-        raise CommandError(error.field, str(error)) from None
-    if fault.channel in absent:
-        raise CommandError("channel", f"{fault.channel} is not there: {absent[fault.channel]}")
-
-
-def clear(operator: Operator, fault_id: str, now: float, channels: Channels) -> tuple[Operator, Fault]:
-    """End a fault now; one that never flew is taken away altogether."""
-    fault = operator.find(fault_id)
-    if live(fault, now, channels).state == "ended":
-        return operator, fault
-    assert fault.start is not None
-    ended = fault.model_copy(update={"end": now})
-    if fault.start >= now - 1e-9:
-        return replace(operator, faults=tuple(f for f in operator.faults if f.id != fault_id)), ended
-    return replace(operator, faults=tuple(ended if f.id == fault_id else f for f in operator.faults)), ended
-
-
-def switch(operator: Operator, subsystem: str, enabled: bool) -> Operator:
-    """Switch a subsystem off or on."""
-    if subsystem not in operator.enabled:
-        raise CommandError("name", f"no subsystem {subsystem!r}; there are {', '.join(operator.enabled)}")
-    return replace(operator, enabled={**operator.enabled, subsystem: enabled})
-
-
-def configure(operator: Operator, form: type[Form], settings: Mapping[str, Any]) -> Operator:
-    """Change settings of the system."""
-    try:
-        new = form.strictly(operator.settings.model_dump() | dict(settings))
-    except TypeError as error:
-        raise CommandError("settings", f"settings are numbers, texts, true or false: {error}") from None
-    except ValidationError as error:
-        known = ", ".join(form.model_fields)
-        raise refusal(error, "settings", f"; settings are {known}") from None
-    return replace(operator, settings=new)
+def plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Named values as JSON has them. Raises CommandError, naming one that is no number, text, true or false."""
+    for name, value in values.items():
+        try:
+            _as_json({name: value})
+        except PydanticCustomError as error:
+            raise CommandError(name, error.message()) from None
+    return _as_json(dict(values))
 
 
 def refusal(error: ValidationError, whole: str, known: str = "") -> CommandError:
@@ -228,3 +215,46 @@ def refusal(error: ValidationError, whole: str, known: str = "") -> CommandError
     first = error.errors()[0]
     hint = known if first["type"] == "extra_forbidden" else ""
     return CommandError(".".join(map(str, first["loc"])) or whole, first["msg"] + hint)
+
+
+def place(command: Command, field: str) -> str:
+    """Where a refused field stands in the document of its command, as a dotted path.
+
+    A refusal names a fault's field, a setting or a switch by the word that the operator used: ``magnitude`` of an
+    Inject is at ``fault.magnitude``.
+    """
+    inside = _INSIDE.get(type(command))
+    if isinstance(command, Switch) and field == "name":
+        return "subsystem"
+    if inside is None or field in (inside, "fault", "time", "commands"):
+        return field
+    return f"{inside}.{field}"
+
+
+def not_before(command: Inject) -> None:
+    """Refuse a fault that starts before it is injected. Raises CommandError."""
+    start = command.fault.start
+    if start is not None and start < command.time - 1e-9:
+        raise CommandError(
+            "start",
+            f"start is {start:g} s, but the command is given at {command.time:g} s; leave start out to begin then",
+        )
+
+
+def what(command: OperatorCommand) -> str:
+    """What a command is about, in words."""
+    match command:
+        case Inject(fault=fault):
+            return f"{fault.channel} {fault.words()}"
+        case Change(fault=fault_id, fields=fields):
+            return f"{fault_id}: {_pairs(fields)}"
+        case Clear(fault=fault_id):
+            return fault_id or "all faults"
+        case Switch(subsystem=subsystem, enabled=enabled):
+            return f"{subsystem} {'on' if enabled else 'off'}"
+        case Configure(settings=settings):
+            return _pairs(settings)
+
+
+def _pairs(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items())

@@ -6,6 +6,7 @@ charts, the block diagram and the 3-D scene from it and hold no knowledge of any
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable
 from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -213,6 +214,7 @@ class SceneItem(Described):
     family: str = Field(description="legend entry; also the colour family, e.g. 'instrument 1'")
     vector: tuple[float, float, float] | None = Field(default=None, description="fixed direction, if it never changes")
     channel: str | None = Field(default=None, description="channel that a click here would fault")
+    subject: str | None = Field(default=None, description="whose health colours it")
     trail: tuple[str, str, str] | None = Field(
         default=None, description="path: signals of the point's coordinates, so that the whole way is known"
     )
@@ -294,6 +296,22 @@ def with_probabilities(charts: tuple[Chart, ...], tests: tuple[Test, ...]) -> tu
         return trace if kind is None else trace.model_copy(update={"label": f"{trace.label} ({kind})"})
 
     return tuple(c.model_copy(update={"traces": tuple(labelled(t) for t in c.traces)}) for c in charts)
+
+
+def drawable(charts: Iterable[Chart], recorded: Container[str]) -> tuple[Chart, ...]:
+    """What can be drawn of the charts from the signals that are recorded: a chart without any line is left out."""
+    found = []
+    for chart in charts:
+        kept = [
+            trace.model_copy(update={"sigma": trace.sigma if trace.sigma in recorded else None})
+            for trace in chart.traces
+            if all(name in recorded for name in (trace.signal, trace.across, trace.code) if name is not None)
+        ]
+        if chart.limit is not None and chart.limit not in recorded:
+            continue
+        if any(trace.role != "threshold" for trace in kept):
+            found.append(chart.model_copy(update={"traces": tuple(kept)}))
+    return tuple(found)
 
 
 class BlockView(Described):

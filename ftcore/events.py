@@ -31,6 +31,7 @@ KINDS = (
     "settings.changed",
     "filter.reset",
     "filter.reflown",
+    "filter.reopened",
     "imu.reconfigured",
     "channel.named",
     "integrity.cannot-isolate",

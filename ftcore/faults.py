@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from ftcore import units
+from ftcore.display import card, line, quantity
 from ftcore.identifiers import Id
 
 Array = NDArray[np.float64]
@@ -196,6 +197,33 @@ class Fault(BaseModel):
     def uses(self, name: str) -> bool:
         """Whether a field means anything to this fault's kind."""
         return KINDS[self.kind].uses(name)
+
+    def words(self, unit: str | None = None) -> str:
+        """Kind, magnitude, start and end in words.
+
+        Args:
+            unit: of the magnitude, where the fault itself leaves it to its channel.
+
+        >>> Fault(channel="gps.pseudorange.C1", kind="bias", magnitude=100, start=50).words("m")
+        'bias 100 m from 50 s'
+        """
+        parts = [KINDS[self.kind].label]
+        if self.uses("magnitude"):
+            parts.append(quantity(self.magnitude, self.unit or unit or "(unit of the channel)"))
+        parts.append("from now" if self.start is None else f"from {self.start:g} s")
+        parts += [f"to {self.end:g} s"] if self.end is not None else []
+        for name, value, symbol in (("angular_frequency", self.angular_frequency, "rad/s"), ("rate", self.rate, "")):
+            parts += [f"at {quantity(value, symbol)}"] if self.uses(name) else []
+        return " ".join(parts)
+
+    def __repr__(self) -> str:
+        """Id, channel and what is wrong, in one line."""
+        return f"<Fault {self.id or 'without an id yet'}: {self.channel} {self.words()}>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        return card(f"Fault {self.id or ''}".rstrip(), self.channel, line(self.words()))
 
     def active(self, time: float) -> bool:
         """Whether the fault is live at ``time`` [s]."""

@@ -6,7 +6,7 @@ says until when it is how coarse.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -15,83 +15,92 @@ from numpy.typing import NDArray
 
 from ftcore.description import Signal
 from ftcore.files import replacing
+from ftcore.growing import Growing
+from ftcore.names import choose, unknown
 
 Array = NDArray[np.float64]
 
 
 class Recording:
-    """Growing table ``(epochs, runs, signals)`` with a time column."""
+    """Growing table ``(epochs, runs, signals)`` with a time column.
 
-    def __init__(self, signals: Sequence[Signal], runs: int, period: float, max_epochs: int | None = None) -> None:
-        if max_epochs is not None and max_epochs < 16:
-            raise ValueError(f"a recording of {max_epochs} epochs is too short; 16 is the least")
-        self.signals: Mapping[str, Signal] = {signal.name: signal for signal in signals}
+    Args:
+        signals: all that the system has; the columns of the rows that are appended.
+        runs: how many.
+        period: seconds between epochs.
+        max_epochs: when so many are in, the older half is thinned. None: unbounded.
+        chosen: which of the signals are kept, names or patterns such as ``"test.*"``; None: all.
+
+    Raises:
+        ValueError: a bound that is too low, or a name or pattern that no signal has.
+    """
+
+    def __init__(
+        self,
+        signals: Sequence[Signal],
+        runs: int,
+        period: float,
+        max_epochs: int | None = None,
+        chosen: Iterable[str] | None = None,
+    ) -> None:
+        kept = choose([signal.name for signal in signals], chosen)
+        self.signals: Mapping[str, Signal] = {signals[i].name: signals[i] for i in kept}
         self.column = {name: i for i, name in enumerate(self.signals)}
         self.period = period
-        self.max_epochs = max_epochs
-        self._length = 0
-        self._time = np.empty(64)
-        self._rows = np.empty((64, runs, len(self.column)))
+        self.runs = runs
+        self._all = [signal.name for signal in signals]
+        self._kept = None if len(kept) == len(signals) else np.array(kept, dtype=np.intp)
+        self._track = Growing([((runs, len(kept)), np.dtype(np.float64))], max_epochs)
+
+    @property
+    def max_epochs(self) -> int | None:
+        """Bound on the epochs that are kept; None: unbounded."""
+        return self._track.max_epochs
 
     def append(self, time: float, row: Array) -> None:
-        """Add one epoch: ``row`` is ``(runs, signals)``."""
-        if self.max_epochs is not None and self._length >= self.max_epochs:
-            self._thin()
-        if self._length == len(self._time):
-            self._time = np.concatenate([self._time, np.empty_like(self._time)])
-            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        self._time[self._length] = time
-        self._rows[self._length] = row
-        self._length += 1
+        """Add one epoch: ``row`` is ``(runs, signals)``, of all the system's signals."""
+        self._track.append(time, row if self._kept is None else row[:, self._kept])
 
-    def _thin(self) -> None:
-        half = self._length // 2
-        kept = np.r_[np.arange(0, half, 2), np.arange(half, self._length)]
-        self._time[: len(kept)] = self._time[kept]
-        self._rows[: len(kept)] = self._rows[kept]
-        self._length = len(kept)
+    def length_at(self, time: float) -> int:
+        """How many of the recorded epochs are not after ``time``."""
+        return int(np.searchsorted(self.time, time + 0.5 * self.period))
 
     def truncate(self, time: float) -> None:
         """Forget everything after ``time``."""
-        self._length = int(np.searchsorted(self.time, time + 0.5 * self.period))
+        self._track.truncate(self.length_at(time))
 
     def copy_until(self, time: float) -> Recording:
         """An independent recording of everything up to ``time``."""
-        twin = Recording(list(self.signals.values()), self._rows.shape[1], self.period, self.max_epochs)
-        n = int(np.searchsorted(self.time, time + 0.5 * self.period))
-        room = max(64, n)
-        twin._time, twin._rows = np.empty(room), np.empty((room, *self._rows.shape[1:]))
-        twin._time[:n], twin._rows[:n], twin._length = self._time[:n], self._rows[:n], n
+        twin = object.__new__(Recording)
+        twin.__dict__.update(self.__dict__)
+        twin._track = self._track.copy(self.length_at(time))
         return twin
 
     @property
     def time(self) -> Array:
         """Times of the recorded epochs ``(epochs,)``."""
-        return self._time[: self._length]
+        return self._track.time
 
     def __getitem__(self, name: str) -> Array:
         """One signal ``(epochs, runs)``. Raises KeyError, naming near misses, for an unknown one."""
-        if name not in self.column:
-            near = [n for n in self.column if n.split(".")[0] == name.split(".")[0]] or list(self.column)
-            raise KeyError(f"no signal {name!r}; for instance {', '.join(near[:6])}")
-        return self._rows[: self._length, :, self.column[name]].copy()
+        return self._track.array(0)[:, :, self._column_of(name)].copy()
 
     @property
     def rows(self) -> Array:
         """All signals ``(epochs, runs, signals)``, read only."""
-        view = self._rows[: self._length]
+        view = self._track.array(0)
         view.flags.writeable = False
         return view
 
     def __len__(self) -> int:
         """Recorded epochs."""
-        return self._length
+        return len(self._track)
 
     def latest(self) -> dict[str, float]:
         """Last value of every signal of run 0; empty before the first epoch."""
-        if not self._length:
+        if not len(self):
             return {}
-        return dict(zip(self.column, self._rows[self._length - 1, 0].tolist(), strict=True))
+        return dict(zip(self.column, self._track.array(0)[-1, 0].tolist(), strict=True))
 
     @property
     def resolution(self) -> list[dict[str, float]]:
@@ -123,17 +132,20 @@ class Recording:
         time = self.time
         lo = 0 if start is None else int(np.searchsorted(time, start - 1e-9))
         hi = len(time) if end is None else int(np.searchsorted(time, end + 1e-9))
-        picked = [self.column[name] if name in self.column else self._unknown(name) for name in names]
-        data = self._rows[lo:hi, run][:, picked]
+        picked = [self._column_of(name) for name in names]
+        data = self._track.array(0)[lo:hi, run][:, picked]
         time = time[lo:hi].copy()
         if points is not None and len(time) > points:
             keep = decimate(data, points)
             time, data = time[keep], data[keep]
         return time, {name: data[:, i].copy() for i, name in enumerate(names)}
 
-    def _unknown(self, name: str) -> int:
-        self[name]
-        raise AssertionError
+    def _column_of(self, name: str) -> int:
+        if name in self.column:
+            return self.column[name]
+        if name in self._all:
+            raise KeyError(f"{name} is not recorded; name it, or a pattern of it, in Simulation(signals=[...])")
+        raise KeyError(unknown("signal", name, self.column))
 
 
 def decimate(data: Array, points: int) -> NDArray[np.intp]:

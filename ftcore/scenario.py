@@ -9,68 +9,22 @@ from __future__ import annotations
 import json
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, FailFast, Field, ValidationInfo, field_validator, model_validator
+from pydantic import FailFast, Field, ValidationInfo, field_validator, model_validator
 
-from ftcore.faults import Fault, FaultError, check
-from ftcore.identifiers import Id, Line, Name, Text
+from ftcore.commands import CommandError, Inject, OperatorCommand, not_before, what
+from ftcore.display import card, counted, line, table
+from ftcore.documents import Strict
+from ftcore.faults import KINDS, Fault, FaultError, check
+from ftcore.identifiers import Line, Text
 from ftcore.systems.base import System, addresses, invalid, no_effect
 from ftcore.systems.registry import SYSTEMS
 
-Seconds = Annotated[float, Field(ge=0.0, le=1e7, json_schema_extra={"unit": "s"})]
 MAX_FAULTS = 200
-
-
-class Strict(BaseModel):
-    """Immutable, no unknown fields, no NaN or infinity."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Inject(Strict):
-    """Operator command: inject this fault."""
-
-    action: Literal["inject"]
-    time: Seconds
-    fault: Fault
-
-
-class Change(Strict):
-    """Operator command: change fields of a fault."""
-
-    action: Literal["change"]
-    time: Seconds
-    fault: Id
-    fields: dict[str, Any]
-
-
-class Clear(Strict):
-    """Operator command: clear one fault, or all (``fault`` absent)."""
-
-    action: Literal["clear"]
-    time: Seconds
-    fault: Id | None = None
-
-
-class Switch(Strict):
-    """Operator command: switch a subsystem."""
-
-    action: Literal["switch"]
-    time: Seconds
-    subsystem: Name
-    enabled: bool
-
-
-class Configure(Strict):
-    """Operator command: change settings."""
-
-    action: Literal["configure"]
-    time: Seconds
-    settings: dict[str, Any]
-
-
-Command = Annotated[Inject | Change | Clear | Switch | Configure, Field(discriminator="action")]
+MAX_COMMANDS = 20_000
+LISTED = 20
+"""Commands that a notebook shows."""
 
 
 class Scenario(Strict):
@@ -95,8 +49,8 @@ class Scenario(Strict):
     settings: dict[str, Any] = Field(default_factory=dict, description="changeable in flight; schema: the system's")
     subsystems: dict[str, bool] = Field(default_factory=dict, description="switched on or off at the start")
     faults: tuple[Fault, ...] = Field(default=(), max_length=MAX_FAULTS)
-    commands: Annotated[tuple[Command, ...], FailFast()] = Field(
-        default=(), max_length=20000, description="what the operator did, to replay it"
+    commands: Annotated[tuple[OperatorCommand, ...], FailFast()] = Field(
+        default=(), max_length=MAX_COMMANDS, description="what the operator did, to replay it"
     )
 
     @field_validator("system")
@@ -144,8 +98,8 @@ class Scenario(Strict):
             if isinstance(command, Inject):
                 try:
                     check(command.fault, channels)
-                    _not_before(command)
-                except FaultError as error:
+                    not_before(command)
+                except (FaultError, CommandError) as error:
                     raise ValueError(f"commands[{i}].fault.{error.field}: {error}") from None
         names = [s.name for s in description.subsystems]
         for name in self.subsystems:
@@ -155,6 +109,35 @@ class Scenario(Strict):
         if len(set(ids)) < len(ids):
             raise ValueError("faults: two faults have the same id")
         return self
+
+    def __repr__(self) -> str:
+        """Id, system, duration and what fails, in one line."""
+        return (
+            f"<Scenario {self.id}: {self.system}, {self.duration:g} s, seed {self.seed}, "
+            f"{counted(len(self.faults), 'fault')}, {counted(len(self.commands), 'command')}>"
+        )
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        units = {channel.name: channel.unit for channel in self.model.description.channels}
+        faults = [(fault.channel, fault.words(KINDS[fault.kind].unit(units[fault.channel]))) for fault in self.faults]
+        commands = [(f"{command.time:g} s", command.action, what(command)) for command in self.commands[:LISTED]]
+        more = len(self.commands) - len(commands)
+        off = [(name, "on" if on else "off") for name, on in self.subsystems.items()]
+        given = [(name, str(value)) for name, value in (self.parameters | self.settings).items()]
+        return card(
+            self.title,
+            f"{self.model.description.title}; {self.duration:g} s, seed {self.seed}",
+            line(self.summary),
+            table("Faults", ("channel", "fault"), faults),
+            table("Commands", ("time", "command", "what"), commands),
+            line(f"and {counted(more, 'more command')}" if more else ""),
+            table("Switched at the start", ("subsystem", ""), off),
+            table("Other than by default", ("parameter or setting", "value"), given),
+            line(f"Try: {self.hint}" if self.hint else ""),
+            line(f"Source: {self.source}" if self.source else ""),
+        )
 
     @property
     def model(self) -> System:
@@ -178,16 +161,6 @@ class Scenario(Strict):
                 f"no scenario {str(id_or_path)!r}: not a file, and the ready ones are {', '.join(ready_ids())}"
             )
         return cls.model_validate(json.loads(path.read_text("utf-8")))
-
-
-def _not_before(command: Inject) -> None:
-    """Refuse a scripted fault that starts before it is injected. Raises FaultError."""
-    start = command.fault.start
-    if start is not None and start < command.time - 1e-9:
-        raise FaultError(
-            "start",
-            f"start is {start:g} s, but the command is given at {command.time:g} s; leave start out to begin then",
-        )
 
 
 def ready_ids() -> list[str]:

@@ -43,6 +43,12 @@ _UNITS: dict[str, tuple[str, float]] = {
 }
 
 
+_SI = {kind: symbol for symbol, (kind, size) in _UNITS.items() if size == 1.0} | {
+    "angle random walk": "rad/sqrt(s)",
+    "acceleration noise density": "m/s^2/sqrt(Hz)",
+}
+
+
 def factor(unit: str) -> float:
     """Size of one ``unit`` in SI.
 
@@ -59,6 +65,11 @@ def dimension(unit: str) -> str:
     """Physical dimension of a unit, for instance ``"length"``. Raises ValueError for an unknown unit."""
     factor(unit)
     return _UNITS[unit][0]
+
+
+def si(unit: str) -> str:
+    """Symbol of the SI unit of the same dimension: ``"m/s^2"`` for ``"mg"``. Raises ValueError for an unknown unit."""
+    return _SI[dimension(unit)]
 
 
 def compatible(unit: str) -> list[str]:

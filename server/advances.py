@@ -1,4 +1,4 @@
-"""An advance: one flight to a goal, as fast as it goes, which whoever must can stop between two epochs.
+"""The job of an advance: one flight to a goal, as fast as it goes, which whoever must can stop between two epochs.
 
 It is a value apart from the request that asked for it, so that a clock that is paused, a rewind, a deletion, the end of
 the server and a client that hangs up all stop it in the same way.
@@ -13,7 +13,7 @@ from typing import Literal
 
 from fastapi import Request
 
-from server.problems import Refused
+from server.problems import Refused, at
 
 Stop = Literal["paused", "rewound", "deleted", "leaving", "gone"]
 """Why an advance ends before its goal: the clock was paused, the flight rewound, the experiment deleted, the server is
@@ -28,21 +28,31 @@ _ANSWERS: dict[Stop, tuple[int, str]] = {
 }
 
 
-class Advance:
+class Job:
     """One flight to a goal. Lives on the event loop; a worker looks at ``stopped`` before each epoch.
+
+    Args:
+        most: epochs that it may fly; None: any number.
 
     Attributes:
         goal: epoch to reach; None until the simulation has been asked.
         stopped: why it ends before its goal; None as long as it may fly on.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, most: int | None = None) -> None:
+        self.most = most
         self.goal: int | None = None
         self.stopped: Stop | None = None
 
     def stop(self, why: Stop) -> None:
         """End it after the epoch that is under way. The first reason counts."""
         self.stopped = self.stopped or why
+
+    def refuse_more(self, epochs: int, field: str) -> None:
+        """Raise Refused if ``epochs`` are more than one advance may fly; ``field`` is the one that asks for them."""
+        if self.most is not None and epochs > self.most:
+            text = f"one advance flies at most {self.most} epochs; ask again for the rest"
+            raise Refused(409, text, [at([field], text)])
 
     def flies(self, epoch: int) -> bool:
         """Whether there is something left to fly for a flight that is at ``epoch``."""
@@ -60,18 +70,18 @@ class Advance:
 
 
 @contextlib.asynccontextmanager
-async def for_as_long_as_the_client_listens(request: Request) -> AsyncIterator[Advance]:
-    """An advance that is stopped when the client of ``request`` hangs up. The request's body must have been read."""
-    advance = Advance()
+async def for_as_long_as_the_client_listens(request: Request, most: int | None = None) -> AsyncIterator[Job]:
+    """A job that is stopped when the client of ``request`` hangs up. The request's body must have been read."""
+    job = Job(most)
 
     async def watch() -> None:
         while (await request.receive())["type"] != "http.disconnect":
             pass
-        advance.stop("gone")
+        job.stop("gone")
 
     watching = asyncio.create_task(watch())
     try:
-        yield advance
+        yield job
     finally:
         watching.cancel()
         await asyncio.wait([watching])

@@ -5,12 +5,23 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Iterator
+from typing import Protocol
 
 EXPECTED = 10.0
 """How long a new experiment counts as watched by its maker, who is about to open a stream [s]."""
 PATIENCE = 30.0
 """How long a run flies on after the last page that watched it has gone [s]; a reload or a short break in the network
 takes less."""
+
+
+class Subscriber(Protocol):
+    """Someone who watches an experiment. Called on the event loop; must not block."""
+
+    def changed(self, at_once: bool) -> None:
+        """There is something new; ``at_once`` if someone did it, rather than time went by."""
+
+    def rewound(self, to: float) -> None:
+        """Everything after ``to`` is history that never happened."""
 
 
 class Attendance:

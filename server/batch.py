@@ -29,8 +29,10 @@ WRITERS: dict[str, Callable[[Simulation, Path], object]] = {
 }
 
 
-def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> None:
-    """Fly, show the score, write the file.
+def fly(
+    scenario: Scenario, runs: int, seed: int | None, out: Path | None, signals: Sequence[str] | None = None
+) -> None:
+    """Fly, show the score, write the file. Only these ``signals`` are recorded and written; None: all.
 
     Raises:
         UserError: something in the request is wrong.
@@ -41,12 +43,13 @@ def fly(scenario: Scenario, runs: int, seed: int | None, out: Path | None) -> No
     try:
         if out is not None:
             check_replaceable(out)  # better now than after the flight
-        simulation = _simulation(scenario, runs, seed)
+        recorded = signals if signals is not None or out is not None else []
+        simulation = _simulation(scenario, runs, seed, recorded)
         console = Console()
         try:
             _advance(simulation, console)
         except CommandError as error:
-            raise UserError(f"the scenario's command at {simulation.now:g} s is refused: {error}") from None
+            raise UserError(str(error)) from None
         except FlightError as error:
             raise UserError(f"{error}; up to then it can be flown with a shorter duration") from None
         _show(simulation.score(), simulation, console)
@@ -65,9 +68,9 @@ def _report(simulation: Simulation, path: Path) -> None:
         unfinished.write_bytes(page)
 
 
-def _simulation(scenario: Scenario, runs: int, seed: int | None) -> Simulation:
+def _simulation(scenario: Scenario, runs: int, seed: int | None, signals: Sequence[str] | None) -> Simulation:
     try:
-        return Simulation(scenario, runs=runs, seed=seed)
+        return Simulation(scenario, runs=runs, seed=seed, signals=signals)
     except ValueError as error:
         raise UserError(str(error)) from None
 

@@ -105,6 +105,10 @@ def run(
     runs: Annotated[int, typer.Option(help="How many runs, side by side.")] = 1,
     seed: Annotated[int | None, typer.Option(help="Instead of the scenario's.")] = None,
     out: Annotated[Path | None, typer.Option(help="Where to write: .parquet, .csv or .html.")] = None,
+    signals: Annotated[
+        list[str] | None,
+        typer.Option(help="Record this signal only, or those of a pattern ('test.*'); may be given several times."),
+    ] = None,
 ) -> None:
     """Fly a scenario, or a receiver's log of your own, to its end and score it.
 
@@ -117,6 +121,7 @@ def run(
         runs,
         seed,
         out,
+        signals or None,
     )
 
 

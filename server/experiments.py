@@ -1,51 +1,32 @@
 """Experiment: a simulation, its clock, and who watches it.
 
-A simulation takes one caller at a time. Whoever wants it waits for the experiment's lock, in order; the clock flies in
-slices of a few milliseconds and lets go of the lock between them, so a command always lands between two epochs, soon.
-All work on a simulation is done in threads; the event loop only hands out turns.
+The clock flies in slices of a few milliseconds and lets others have their turns between them, so a command always lands
+between two epochs, soon.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
-from concurrent.futures import Executor
-from typing import Any, Literal, Protocol, TypeVar
+from collections.abc import Callable
+from typing import TypeVar
 
-from ftcore import CommandError, Fault, FlightError, Simulation
-from ftcore.commands import LiveFault
+from ftcore import CommandError, FlightError, Simulation, commands
 from ftcore.description import View
-from server.advances import Advance, Stop
-from server.attendance import PATIENCE, Attendance
-from server.models import ClockState, ExperimentState, FaultState, ScenarioLabel, State, SubsystemStatus
-from server.pacing import Clock, Pacer, Speed
+from server.advances import Job, Stop
+from server.attendance import PATIENCE, Attendance, Subscriber
+from server.commands import Clock, Command, Done, not_past
+from server.faults import fault_state, shown
+from server.models import ClockState, ExperimentState, ScenarioLabel, State, SubsystemStatus
+from server.pacing import Pacer
 from server.problems import INTERNAL_FAILURE, Refused
+from server.turns import Turns, Workers
 
 T = TypeVar("T")
 SLICE = 0.012
 """Longest turn of a clock [s]; the epoch that is under way is finished."""
 LEFT_ALONE = f"the run was paused because no page had watched it for {PATIENCE:g} s"
 _log = logging.getLogger("ftlab")
-
-
-class Subscriber(Protocol):
-    """Someone who watches an experiment. Called on the event loop; must not block."""
-
-    def changed(self, at_once: bool) -> None:
-        """There is something new; ``at_once`` if someone did it, rather than time went by."""
-
-    def rewound(self, to: float) -> None:
-        """Everything after ``to`` is history that never happened."""
-
-
-class Workers:
-    """Threads that fly, the fair queue for them, and the clock that they fly by."""
-
-    def __init__(self, executor: Executor, threads: int, clock: Clock) -> None:
-        self.executor = executor
-        self.clock = clock
-        self.turns = asyncio.Semaphore(threads)
 
 
 class Experiment:
@@ -78,90 +59,91 @@ class Experiment:
         self.version = 0
         self.cursor: float | None = None
         self.picture = next((item.picture for item in self.description.scene), "")
-        self.spare = False
+        self.reusable = False
         self.subscribers: set[Subscriber] = set()
         self.attendance = Attendance(workers.clock.now)
         self.rewinds: list[float] = []
         self.reason: str | None = None
         self._defect: FlightError | None = None
         self._simulation = simulation
-        self._workers = workers
-        self._lock = asyncio.Lock()
+        self._clock = workers.clock
+        self._turns = Turns(workers)
         self._state: State = "paused"
         self._pacer = Pacer(simulation.period, 1.0, 0, 0.0)
         self._nudge = asyncio.Event()
         self._flight: asyncio.Task[None] | None = None
-        self._advance: Advance | None = None
+        self._advance: Job | None = None
         self._view: tuple[int, View] | None = None
-        self._busy: set[asyncio.Task[Any]] = set()
         self.closed = False
 
     # ---- taking turns ---------------------------------------------------------------------------------------------
 
     async def read(self, look: Callable[[Simulation], T]) -> T:
         """Look at the simulation, in a thread, while nobody else has it."""
-        return await self._alone(lambda: asyncio.to_thread(look, self._simulation))
+        return await self._turns.alone(lambda: look(self._simulation))
 
-    async def command(self, do: Callable[[Simulation], T]) -> T:
-        """Do something to the simulation between two epochs; whoever watches is told.
+    @property
+    def now(self) -> float:
+        """Time of the last epoch [s]; a flight that is under way may be further when a command's turn comes."""
+        return self._simulation.now
+
+    async def do(self, command: Command, job: Job | None = None) -> Done:
+        """Do a command between two epochs, whoever sends it; whoever watches is told. The one way in.
+
+        A command whose time has gone by when its turn comes is done then.
+
+        Args:
+            command: a value.
+            job: what an advance is stopped by.
 
         Raises:
             CommandError: refused, nothing has changed.
-            Refused: the experiment was deleted while the command waited for its turn.
+            Refused: the experiment was deleted meanwhile, the flight is over or has failed, or an advance flies that
+                the command would disturb; for an advance, also that it failed or was stopped on its way.
         """
+        match command:
+            case Clock():
+                self._set_clock(command)
+                return Done(await self.state())
+            case commands.Advance():
+                return await self._fly(command, job or Job())
+            case commands.Rewind():
+                return await self._rewind(command)
+            case _:
+                done = await self.read(lambda simulation: self._done(simulation, command))
+                self._publish(at_once=True)
+                return done
 
-        def done(simulation: Simulation) -> T:
-            self._still_there()
-            return do(simulation)
-
-        result = await self.read(done)
-        self._publish(at_once=True)
-        return result
+    def _done(self, simulation: Simulation, command: commands.OperatorCommand) -> Done:
+        """Do a command, for one who has the simulation."""
+        self._still_there()
+        answer = simulation.do(not_past(command, simulation.now))
+        faults = tuple(fault_state(simulation, fault) for fault in answer.faults)
+        return Done(self.describe(simulation), answer, faults)
 
     def _still_there(self) -> None:
         """Raise Refused if the experiment was deleted after a request had found it."""
         if self.closed:
             raise Refused(410, f"the experiment {self.id!r} was deleted meanwhile")
 
-    async def _alone(self, work: Callable[[], Awaitable[T]]) -> T:
-        """Run ``work`` under the lock. A caller that gives up does not open the lock under a thread at work."""
-
-        async def locked() -> T:
-            async with self._lock:
-                return await work()
-
-        task = asyncio.ensure_future(locked())
-        self._busy.add(task)
-        task.add_done_callback(self._done)
-        return await asyncio.shield(task)
-
-    def _done(self, task: asyncio.Task[Any]) -> None:
-        self._busy.discard(task)
-        if not task.cancelled():
-            task.exception()  # whoever waited has it; whoever gave up does not want it
-
     async def _turn(self, fly: Callable[[], None]) -> None:
         """One slice of flight, in a worker."""
-        async with self._lock:
-            pass  # whoever waits for the simulation goes first, and no worker idles meanwhile
-        async with self._workers.turns:
-            loop = asyncio.get_running_loop()
-            await self._alone(lambda: loop.run_in_executor(self._workers.executor, fly))
+        await self._turns.fly(fly)
         self._publish()
 
     def _fly_while(self, more: Callable[[int], bool]) -> None:
         """In a worker: step while ``more`` says so of the epoch, and until the slice is used up."""
-        enough = self._workers.clock.now() + SLICE
+        enough = self._clock.now() + SLICE
         while more(self._simulation.epoch) and not self._simulation.finished:
             self._simulation.step()
-            if self._workers.clock.now() >= enough:
+            if self._clock.now() >= enough:
                 break
 
     def _fly_by_the_clock(self) -> None:
         """In a worker: fly what is due when the turn begins. A clock that was stopped meanwhile flies nowhere."""
         pacer = self._pacer
         if self._state == "running" and self._advance is None:
-            due = pacer.due(self._simulation.epoch, self._workers.clock.now())
+            due = pacer.due(self._simulation.epoch, self._clock.now())
             self._fly_while(lambda epoch: due is None or epoch < due)
             pacer.flown(self._simulation.epoch)
 
@@ -176,29 +158,29 @@ class Experiment:
 
     # ---- the clock ------------------------------------------------------------------------------------------------
 
-    def set_clock(self, state: Literal["running", "paused"] | None, speed: Speed | None) -> None:
+    def _set_clock(self, clock: Clock) -> None:
         """Run, pause, or change the speed. A pause also stops an advance, after the epoch that is under way.
 
         Raises:
             Refused: the flight is over or has failed, or an advance flies that a running clock would overrun.
         """
         self._still_there()
-        if state == "running":
+        if clock.state == "running":
             self._may_fly()
             self._no_other_advance("pause the clock first, or wait for its end")
             self.reason = None
-        elif state == "paused":
+        elif clock.state == "paused":
             self.stop_advance("paused")
         self.attendance.commanded()
-        starts = state == "running" and self._state == "paused"
-        if starts or speed is not None:
-            kept = self._pacer.speed if speed is None else speed
-            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, self._workers.clock.now())
+        starts = clock.state == "running" and self._state == "paused"
+        if starts or clock.speed is not None:
+            kept = self._pacer.speed if clock.speed is None else clock.speed
+            self._pacer = Pacer(self._simulation.period, kept, self._simulation.epoch, self._clock.now())
         if starts:
             self._state = "running"
             if self._flight is None or self._flight.done():
                 self._flight = asyncio.create_task(self._run(), name=f"clock of {self.id}")
-        elif state == "paused" and self._state == "running":
+        elif clock.state == "paused" and self._state == "running":
             self._state = "paused"
         self._nudge.set()
         self._publish(at_once=True)
@@ -221,8 +203,8 @@ class Experiment:
             if self._advance is not None:
                 await self._nudge.wait()
                 continue
-            wait = self._pacer.wait(self._simulation.epoch, self._workers.clock.now())
-            if wait > 0.0 and await self._workers.clock.happens_within(self._nudge, wait):
+            wait = self._pacer.wait(self._simulation.epoch, self._clock.now())
+            if wait > 0.0 and await self._clock.happens_within(self._nudge, wait):
                 continue
             try:
                 await self._turn(self._fly_by_the_clock)
@@ -239,48 +221,51 @@ class Experiment:
         _log.exception("experiment %s failed", self.id, exc_info=error)
         self._state = "failed"
         self._defect = error if isinstance(error, FlightError) else None
-        self.reason = self._defect.reason if self._defect else f"{type(error).__name__}: {error}".splitlines()[0][:300]
+        text = str(error) if isinstance(error, CommandError) else f"{type(error).__name__}: {error}"
+        self.reason = self._defect.reason if self._defect else text.splitlines()[0][:300]
         self._publish()
 
-    async def advance(
-        self, advance: Advance, goal: Callable[[Simulation], int], outcome: Callable[[Simulation], T]
-    ) -> T:
-        """Fly as fast as it goes to the epoch that ``goal`` says now; others get their turns in between.
-
-        Args:
-            advance: what this flight is stopped by.
-            goal: the epoch to reach, for the simulation as it is.
-            outcome: what is wanted of the simulation when it is there, before anything else flies it on.
+    async def _fly(self, command: commands.Advance, job: Job) -> Done:
+        """Fly as fast as it goes to where the command says now; others get their turns in between.
 
         Raises:
             Refused: another advance flies, the experiment has failed or fails on the way, or the flight was stopped.
         """
         self._no_other_advance("pause the clock to stop it, or wait for its end")
         if self.closed:
-            advance.stop("deleted")
-        self._advance = advance
+            job.stop("deleted")
+        self._advance = job
+        first_event = 0
 
-        def landed(simulation: Simulation) -> T:
-            assert advance.goal is not None
-            if simulation.epoch < advance.goal or advance.stopped == "rewound":
-                raise advance.refusal(simulation.epoch, simulation.period)
-            return outcome(simulation)
+        def departs(simulation: Simulation) -> int:
+            nonlocal first_event
+            first_event = len(simulation.events)
+            goal = simulation.goal(not_past(command, simulation.now))
+            job.refuse_more(goal - simulation.epoch, "until" if command.epochs is None else "epochs")
+            return goal
+
+        def landed(simulation: Simulation) -> Done:
+            assert job.goal is not None
+            if simulation.epoch < job.goal or job.stopped == "rewound":
+                raise job.refusal(simulation.epoch, simulation.period)
+            events = tuple(simulation.events[first_event:])
+            return Done(self.describe(simulation), events=events, latest=simulation.latest())
 
         try:
-            advance.goal = await self.read(goal)
-            while advance.flies(self._simulation.epoch):
+            job.goal = await self.read(departs)
+            while job.flies(self._simulation.epoch):
                 if self._state == "failed":
                     self._may_fly()
                 try:
-                    await self._turn(lambda: self._fly_while(advance.flies))
+                    await self._turn(lambda: self._fly_while(job.flies))
                 except Exception as error:
                     self._fail(error)
             return await self.read(landed)
         finally:
-            if self._advance is advance:
+            if self._advance is job:
                 self._advance = None
                 self._pacer = Pacer(
-                    self._simulation.period, self._pacer.speed, self._simulation.epoch, self._workers.clock.now()
+                    self._simulation.period, self._pacer.speed, self._simulation.epoch, self._clock.now()
                 )
                 self._nudge.set()
                 self._publish(at_once=True)
@@ -297,30 +282,32 @@ class Experiment:
             where = "" if goal is None else f" to {goal * self._simulation.period:g} s"
             raise Refused(409, f"an advance{where} flies already; {instead}")
 
-    async def rewind(self, to: float) -> None:
+    async def _rewind(self, command: commands.Rewind) -> Done:
         """Go back to an earlier moment; the clock stops there, and so does an advance.
 
         Raises:
             CommandError: outside the flight; nothing has changed, and an advance flies on.
         """
 
-        def back(simulation: Simulation) -> float:
+        def back(simulation: Simulation) -> Done:
             self._still_there()
             before = simulation.epoch
-            simulation.rewind(to)
+            answer = simulation.do(not_past(command, simulation.now))
             self.stop_advance("rewound")
             # On the way out of the lock the clock must find itself stopped, so this is said here and not afterwards.
             if simulation.epoch < before or self._state == "failed":
                 self._state, self.reason = "paused", None
-            return simulation.now
+            return Done(self.describe(simulation), answer)
 
-        now = await self.read(back)
+        done = await self.read(back)
+        now = done.state.clock.time
         if self.cursor is not None and self.cursor > now:
             self.cursor = None
         self.rewinds.append(now)
         for subscriber in self.subscribers:
             subscriber.rewound(now)
         self._publish(at_once=True)
+        return done
 
     # ---- what there is to see -------------------------------------------------------------------------------------
 
@@ -347,7 +334,7 @@ class Experiment:
                 duration=simulation.duration,
                 reason=self.reason,
             ),
-            faults=[_shown(live) for live in simulation.faults],
+            faults=[shown(live) for live in simulation.faults],
             subsystems={
                 name: SubsystemStatus.model_validate(status, from_attributes=True)
                 for name, status in simulation.subsystems.items()
@@ -358,7 +345,7 @@ class Experiment:
             not_in_view=simulation.not_in_view,
             parent=self.parent,
             ghost_of=self.ghost_of,
-            spare=self.spare,
+            spare=self.reusable,
             watchers=self.attendance.watchers,
         )
 
@@ -403,31 +390,4 @@ class Experiment:
             subscriber.changed(at_once=True)
         if self._flight is not None:
             await self._flight
-        await asyncio.gather(*self._busy, return_exceptions=True)
-
-
-def fault_state(simulation: Simulation, fault: Fault) -> FaultState:
-    """A fault as the API shows it; one that is no longer in the simulation has ended."""
-    for live in simulation.faults:
-        if live.fault.id == fault.id:
-            return _shown(live)
-    return _shown(LiveFault(fault, fault.unit, "ended", silent_because="cleared before it began"))
-
-
-def _shown(live: LiveFault) -> FaultState:
-    fault = live.fault
-    return FaultState(
-        id=str(fault.id),
-        channel=fault.channel,
-        kind=fault.kind,
-        magnitude=fault.magnitude,
-        unit=live.unit,
-        start=fault.start or 0.0,
-        end=fault.end,
-        angular_frequency=fault.angular_frequency,
-        rate=fault.rate,
-        state=live.state,
-        acting=live.acting,
-        acted_epochs=live.acted_epochs,
-        silent_because=live.silent_because,
-    )
+        await self._turns.settled()

@@ -20,9 +20,9 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from ftcore import Fault, Scenario
+from ftcore.documents import Seconds
 from ftcore.faults import Kind
 from ftcore.identifiers import Line
-from ftcore.scenario import Seconds
 
 
 def whole(value: Any) -> Any:

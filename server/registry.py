@@ -14,14 +14,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from ftcore import Scenario, Simulation, catalogue
-from ftcore.scenario import Change, Clear, Inject
+from ftcore.commands import Advance, Change, Clear, Inject
 from server import problems
-from server.advances import Advance
-from server.experiments import Experiment, Workers
+from server.advances import Job
+from server.experiments import Experiment
 from server.models import whole
 from server.pacing import Clock
 from server.problems import Refused, at
 from server.settings import Settings
+from server.turns import Workers
 from server.uploads import Uploads
 
 
@@ -111,27 +112,27 @@ class ExperimentRegistry:
             branch = await parent.read(lambda simulation: simulation.fork(at))
             return self._enter(branch, title or f"{parent.title} (branch)", parent=parent.id)
 
-    async def ghost(self, original: Experiment, advance: Advance) -> Experiment:
-        """The same flight without any fault, flown to the same time by ``advance``.
+    async def fault_free_twin(self, original: Experiment, job: Job) -> Experiment:
+        """The same flight without any fault, flown to the same time by ``job``.
 
         Raises:
-            Refused: at the cap, or the flight failed or was stopped; then there is no ghost.
+            Refused: at the cap, or the flight failed or was stopped; then there is no twin.
         """
         document, epoch = await original.read(lambda simulation: (simulation.document(), simulation.epoch))
         scenario = without_faults(document)
         with self._using(scenario):
-            ghost = await self._add(
+            twin = await self._add(
                 lambda: Simulation(scenario, max_epochs=self.settings.max_epochs),
                 f"{original.title} (without faults)",
                 ghost_of=original.id,
             )
         try:
-            await ghost.advance(advance, lambda _: epoch, lambda _: None)
+            await twin.do(Advance(time=0.0, epochs=epoch), job)
         except Refused:
-            if not ghost.closed:
-                await self.delete(ghost.id)
+            if not twin.closed:
+                await self.delete(twin.id)
             raise
-        return ghost
+        return twin
 
     async def delete(self, id: str) -> None:
         """Stop and forget an experiment. Raises Refused (404) if there is none of that id."""

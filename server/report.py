@@ -12,6 +12,7 @@ from importlib import metadata, resources
 from typing import Any
 
 from ftcore import Simulation, units
+from ftcore.description import drawable
 from ftcore.faults import KINDS
 from server import series
 from server.encoding import to_json
@@ -26,7 +27,7 @@ def gather(simulation: Simulation, title: str) -> dict[str, Any]:
     description, scenario = simulation.description, simulation.scenario
     shown = {signal.name: signal for signal in description.signals}
     charts = []
-    for chart in description.charts:
+    for chart in drawable(description.charts, simulation.signals):
         found = series.columns(simulation, list(chart.signals()), points=POINTS)
         columns = {name: values / units.factor(shown[name].unit) for name, values in found.signals.items()}
         charts.append(chart.model_dump(mode="json") | {"time": found.time, "columns": columns})

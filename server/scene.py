@@ -48,6 +48,8 @@ FROM = np.array([0.62, -0.68, 0.40])
 """Where the camera stands, as a direction from the middle."""
 LEAST_RADIUS = 1.1
 MOST_PATH_POINTS = 2000
+WIDE = 1.5
+"""Width over height of a picture in which the height decides how far the camera stands."""
 
 
 class Drawn(Protocol):
@@ -88,6 +90,7 @@ class Scene:
         self._shown: dict[str, ItemView] = {}
         self._rotation: tuple[float, float, float, float] | None = None
         self._turn_to(self._picture)
+        server.on_client_connect(self._welcome)
 
     def show(self, view: View, picture: str | None = None, trails: Trails | None = None) -> None:
         """Bring the drawing up to date, in one go; ``picture`` absent: the one that is shown."""
@@ -146,13 +149,32 @@ class Scene:
         self._radius = radius
         if middle is None:
             middle = np.array([0.0, 0.0, 0.3 * (radius - LEAST_RADIUS)])
-        position = middle + side / np.linalg.norm(side) * 0.88 * radius / math.sin(0.5 * FIELD_OF_VIEW)
-        cameras: list[Any] = [
-            self._server.initial_camera,
-            *(client.camera for client in self._server.get_clients().values()),
-        ]
-        for camera in cameras:
-            camera.fov, camera.position, camera.look_at = FIELD_OF_VIEW, tuple(position), tuple(middle)
+        self._stand = (radius, middle, side / np.linalg.norm(side))
+        self._place(self._server.initial_camera, WIDE)
+        for client in self._server.get_clients().values():
+            self._place(client.camera, client.camera.aspect)
+
+    def _place(self, camera: Any, aspect: float) -> None:
+        """Put a camera where everything is seen in a picture of this width over height."""
+        radius, middle, side = self._stand
+        position = middle + side * distance(radius, aspect)
+        camera.fov, camera.position, camera.look_at = FIELD_OF_VIEW, tuple(position), tuple(middle)
+
+    def _welcome(self, client: Any) -> None:
+        """Step back for someone whose picture is narrow."""
+        if client.camera.aspect < WIDE:
+            self._place(client.camera, client.camera.aspect)
+
+
+def distance(radius: float, aspect: float) -> float:
+    """How far a camera stands from the middle to see the sky within ``radius``, and what is below it.
+
+    Args:
+        radius: how far the things reach [scene units].
+        aspect: the picture's width over its height.
+    """
+    half = math.tan(0.5 * FIELD_OF_VIEW)
+    return radius * max(0.93 / math.sin(math.atan(half)), 1.0 / math.sin(math.atan(half * aspect)))
 
 
 def colour_of(health: Health, family: Colour) -> Colour:

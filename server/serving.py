@@ -23,6 +23,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from uvicorn.server import ServerState
 
 from server.limits import Budget
+from server.lingering import LingeringTransport
 
 HEAD_SECONDS = 15.0
 """How long a connection may be open before the head of its next request is complete [s]."""
@@ -49,7 +50,10 @@ class PatientHTTP(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Start to wait for a request."""
-        super().connection_made(transport)
+        self._lingering = LingeringTransport(
+            transport, self.loop, lambda: self.conn.their_state in (h11.SEND_BODY, h11.ERROR)
+        )
+        super().connection_made(self._lingering)  # type: ignore[arg-type]
         self._review()
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -59,6 +63,9 @@ class PatientHTTP(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Something came; a whole head ends the waiting."""
+        if self._lingering.lingers:
+            self._lingering.throw_away(data)
+            return
         super().data_received(data)
         self._review()
 
@@ -70,13 +77,18 @@ class PatientHTTP(H11Protocol):
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
         """From here on it is a browser's socket, which has limits of its own."""
         self._wait_no_longer()
+        self.transport = self._lingering.real
         super().handle_websocket_upgrade(event)
 
     def send_400_response(self, msg: str) -> None:
         """What is no HTTP, or has a head that is too long, is told so as a problem like all others."""
         error = sys.exc_info()[1]
         status = error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else 400
-        detail = "the head of the request is too long" if status == 431 else "this is not a request that can be read"
+        detail = "this is not a request that can be read"
+        if status == 431:
+            detail = "the head of the request is too long"
+            if b"\n" not in self.conn.trailing_data[0]:
+                status, detail = 414, "the address is too long"
         body = json.dumps({"title": HTTPStatus(status).phrase, "status": status, "detail": detail}).encode()
         headers = [("content-type", "application/problem+json"), ("content-length", str(len(body)))]
         headers.append(("connection", "close"))
@@ -100,8 +112,15 @@ class PatientHTTP(H11Protocol):
     def _give_up(self) -> None:
         """Hang up when what was answered has arrived; a client that does not read it is not waited for either."""
         self._wait_no_longer()
-        self.transport.close()
+        self._lingering.real.close()
         self._drain(None)
+
+    def shutdown(self) -> None:
+        """The server is being stopped: whoever was answered and sent away is not waited for."""
+        if self._lingering.lingers:
+            self._lingering.real.abort()
+        else:
+            super().shutdown()
 
     def _drain(self, before: int | None) -> None:
         left = self.transport.get_write_buffer_size()

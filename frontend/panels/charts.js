@@ -1,7 +1,7 @@
 /** The column of charts on one time axis: marks, crosshair and zoom are shared by all of them. */
 import { Panel, fill, h, keyed, setText } from '../dom.js';
 import { MARGIN, loadPlotly } from '../charts.js';
-import { clock, decimalsOf, timeTicks } from '../format.js';
+import { clock, decimalsOf, labelledTicks } from '../format.js';
 import { derive, joined } from '../marks.js';
 import { repaint } from '../scheduler.js';
 import { recorded } from '../session.js';
@@ -45,6 +45,9 @@ export class ChartsPanel extends Panel {
       h('div', { class: 'column' }, this.stack, this.layer), h('p', { class: 'empty' }, 'No chart is shown. Choose some above.'));
     this.append(this.#toolbar(), this.scroller, this.ruler);
     this.#listen();
+    const size = new ResizeObserver(() => this.#drawTicks(...this.range()));
+    size.observe(this.ruler);
+    this.keep(() => size.disconnect());
     this.watch((s) => [s.description, s.shown], () => this.#place());
     this.watch((s) => s.experiment?.id, () => { if (this.scroller) this.scroller.scrollTop = 0; });
     this.watch((s) => [s.zoom, s.follow, s.experiment?.clock.duration], () => this.#rescale(true));
@@ -137,9 +140,11 @@ export class ChartsPanel extends Panel {
 
   /** @param {number} from @param {number} to */
   #drawTicks(from, to) {
-    const ticks = timeTicks(from, to, 10);
-    const decimals = ticks.length > 1 ? decimalsOf(ticks[1] - ticks[0]) : 0;
-    keyed(this.ticks ?? this, ticks, (t) => t.toFixed(3), (t) => h('span', { style: { '--t': t.toFixed(4) } }), (element, t) => setText(element, clock(t, decimals)));
+    const ticks = labelledTicks(from, to, this.ruler?.clientWidth || 600, 10);
+    keyed(this.ticks ?? this, ticks, ({ at }) => at.toFixed(3), ({ at }) => h('span', { style: { '--t': at.toFixed(4) } }), (element, { text, end }) => {
+      setText(element, text);
+      element.classList.toggle('end', end);
+    });
   }
 
   #moveNow() {

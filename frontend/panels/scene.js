@@ -30,8 +30,6 @@ export class Scene extends Panel {
   #told = null;
   /** Families whose names are shown by a press. @type {Set<string>} */
   #chosen = new Set();
-  /** Which of the system's pictures is shown. */
-  #picture = '';
   #shown = sessionStorage.getItem('scene') !== 'off';
 
   build() {
@@ -54,23 +52,19 @@ export class Scene extends Panel {
     });
     this.watch((s) => [s.experiment?.id, s.theme, s.connection === 'open'], () => this.#load());
     this.watch((s) => s.description, (description) => {
-      this.#picture = (description && sessionStorage.getItem(`picture/${description.id}`)) ?? '';
+      store.set({ picture: (description && sessionStorage.getItem(`picture/${description.id}`)) ?? '' });
       this.hidden = !!description && !description.scene.length;
-      this.#describe();
     });
-    this.watch((s) => [s.experiment?.id, s.connection === 'open'], () => {
-      if (store.get().connection === 'open' && this.#picture) this.#show(this.#picture);
-    });
+    this.watch((s) => [s.description, s.picture], () => this.#describe());
+    this.watch((s) => [s.experiment?.id, s.connection === 'open', s.picture], () => this.#turn());
   }
 
   /** Pictures to choose from, and the legend of the one that is shown. */
   #describe() {
-    const items = store.get().description?.scene ?? [];
-    const all = [...new Set(items.map((item) => item.picture))];
-    if (!all.includes(this.#picture)) this.#picture = all[0] ?? '';
+    const { all, shown } = this.#offered();
     fill(this.pictures ?? this, ...(all.length > 1 ? all : []).map((picture) =>
-      h('button', { class: 'mini', 'aria-pressed': String(picture === this.#picture), onclick: () => this.#show(picture) }, picture)));
-    this.labels?.offer(items.filter((item) => item.picture === this.#picture));
+      h('button', { class: 'mini', 'aria-pressed': String(picture === shown), onclick: () => this.#show(picture) }, picture)));
+    this.labels?.offer((store.get().description?.scene ?? []).filter((item) => item.picture === shown));
     this.#told = null;
     this.#tell();
   }
@@ -80,7 +74,8 @@ export class Scene extends Panel {
     const { description, view, pastView } = store.get();
     const items = description?.scene ?? [];
     const seen = pastView ?? view;
-    const there = items.filter((item) => item.picture === this.#picture && seen?.items[item.id]?.visible);
+    const { shown } = this.#offered();
+    const there = items.filter((item) => item.picture === shown && seen?.items[item.id]?.visible);
     const families = [...new Set(items.map((item) => item.family))].map((family, i) => ({ family, i })).filter(({ family }) => there.some((item) => item.family === family));
     const healths = ['faulted', 'suspect', 'isolated', 'off'].filter((health) => there.some((item) => seen?.items[item.id]?.health === health));
     const told = [...families.map(({ family }) => family), ...healths].join();
@@ -149,11 +144,24 @@ export class Scene extends Panel {
 
   /** @param {string} picture */
   #show(picture) {
-    const { description, experiment, cursor } = store.get();
-    this.#picture = picture;
+    const { description } = store.get();
     if (description) sessionStorage.setItem(`picture/${description.id}`, picture);
-    if (experiment && new Set(description?.scene.map((item) => item.picture)).size > 1) void moveScene(experiment.id, cursor, picture).catch(() => undefined);
-    this.#describe();
+    store.set({ picture });
+  }
+
+  /** The system's pictures, and the one that is shown: the first where none of them was chosen. */
+  #offered() {
+    const { description, picture } = store.get();
+    const all = [...new Set(description?.scene.map((item) => item.picture))];
+    return { all, shown: all.includes(picture) ? picture : all[0] ?? '' };
+  }
+
+  /** Has the server show the picture that is chosen here. */
+  #turn() {
+    const { experiment, cursor, connection, picture } = store.get();
+    const { all, shown } = this.#offered();
+    if (!experiment || connection !== 'open' || all.length < 2 || shown !== picture) return;
+    void moveScene(experiment.id, cursor, shown).catch(() => undefined);
   }
 
   #flip() {

@@ -1,6 +1,6 @@
 /** The score strip: how the run fares against the truth, the unprotected twin's number beside it. */
 import { Panel, h, keyed, setText } from '../dom.js';
-import { quantity } from '../format.js';
+import { kept, quantity } from '../format.js';
 import { store } from '../store.js';
 import { nowTag } from './now.js';
 /** @import {HeadlineItem} from '../types' */
@@ -24,7 +24,7 @@ function tell(element, item) {
   setText(label, item.label);
   setText(value, quantity(item.value, item.unit));
   const twin = item.compare_label ? `${item.compare_label} ${quantity(item.compare, item.unit)}` : '';
-  setText(beside, [twin, item.note].filter(Boolean).join('; '));
+  setText(beside, kept([twin, item.note].filter(Boolean).join('; ')));
   element.title = [`${item.label}: ${value.textContent}. ${beside.textContent}`, item.detail].filter(Boolean).join('\n\n');
 }
 

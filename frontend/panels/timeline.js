@@ -1,6 +1,6 @@
 /** The whole flight on one line: what was broken, who noticed, what was done; dragging the playhead looks back. */
 import { Panel, h, keyed, setText } from '../dom.js';
-import { clock, decimalsOf, timeTicks } from '../format.js';
+import { clock, decimalsOf, labelledTicks } from '../format.js';
 import { derive, joined } from '../marks.js';
 import { period, store } from '../store.js';
 import { branch, look, rewind } from '../actions.js';
@@ -24,6 +24,9 @@ export class Timeline extends Panel {
       this.track, this.bar);
     this.#listen();
     this.#past();
+    const size = new ResizeObserver(() => this.#drawTicks(store.get().experiment?.clock.duration ?? 100));
+    size.observe(this.track);
+    this.keep(() => size.disconnect());
     this.watch((s) => s.experiment?.clock.duration ?? 100, (duration) => {
       this.track?.style.setProperty('--span', String(duration));
       this.head?.setAttribute('aria-valuemax', String(duration));
@@ -59,9 +62,11 @@ export class Timeline extends Panel {
   /** @param {number} duration */
   #drawTicks(duration) {
     if (!this.ticks) return;
-    const ticks = timeTicks(0, duration, 12);
-    const decimals = ticks.length > 1 ? decimalsOf(ticks[1]) : 0;
-    keyed(this.ticks, ticks, (t) => `${t}`, (t) => h('span', { style: { '--t': t } }), (element, t) => setText(element, clock(t, decimals)));
+    const ticks = labelledTicks(0, duration, this.ticks.clientWidth || 600, 12);
+    keyed(this.ticks, ticks, ({ at }) => `${at}`, ({ at }) => h('span', { style: { '--t': at } }), (element, { text, end }) => {
+      setText(element, text);
+      element.classList.toggle('end', end);
+    });
   }
 
   #draw() {

@@ -9,6 +9,10 @@ Delays are medians over the runs in which it happened, and count from the first 
 are of the runs in which it acted. A fault that never acted is listed with the reason, and is neither found nor missed.
 Every share and rate has its exact 95 % interval. Those of false alarms take tests as independent; where alarms come in
 clusters it is said, and the share of runs with an alarm, which are independent, stands beside.
+
+All of it is computed from rows, one per run and one per run and fault (:mod:`ftcore.score.rows`), so that the scores of
+some runs and of others merge to the score of all (:func:`merge`). The rows come from a book that is kept while the
+flight flies (:mod:`ftcore.score.book`), so a score does not depend on which signals are recorded.
 """
 
 from __future__ import annotations
@@ -18,11 +22,13 @@ from collections.abc import Mapping, Sequence
 from ftcore.description import SystemDescription
 from ftcore.events import Event
 from ftcore.faults import Acted, ChannelAddress, Fault
-from ftcore.recording import Recording
+from ftcore.scenario import Scenario
 from ftcore.score.blame import judge
-from ftcore.score.errors import of_estimator
-from ftcore.score.headline import strip
-from ftcore.score.healthy import false_alarms, false_isolations, of_alarms
+from ftcore.score.book import Book
+from ftcore.score.fault_rows import facts_of
+from ftcore.score.fault_rows import faults as told
+from ftcore.score.flight_rows import flights, wrong
+from ftcore.score.healthy import of_alarms
 from ftcore.score.history import read
 from ftcore.score.models import (
     ErrorScore,
@@ -36,26 +42,34 @@ from ftcore.score.models import (
     TestScore,
     WrongIsolation,
 )
-from ftcore.score.per_fault import tell
+from ftcore.score.rows import FaultFacts, Rows
+from ftcore.score.summary import merge, summarise
+from ftcore.score.tables import Table
 
 __all__ = [
+    "Book",
     "ErrorScore",
     "EstimatorScore",
+    "FaultFacts",
     "FaultScore",
     "Headline",
     "IsolationScore",
     "Outcome",
+    "Rows",
     "Score",
     "Share",
+    "Table",
     "TestScore",
     "WrongIsolation",
     "compute",
+    "merge",
     "of_alarms",
+    "summarise",
 ]
 
 
 def compute(
-    recording: Recording,
+    book: Book,
     events: Sequence[Event],
     faults: Sequence[Fault],
     description: SystemDescription,
@@ -63,11 +77,13 @@ def compute(
     acted: Mapping[str, Acted],
     silent: Mapping[str, str | None] | None = None,
     first_run: int = 0,
+    period: float | None = None,
+    document: Scenario | None = None,
 ) -> Score:
-    """Score a recording. Pure; needs nothing of the system but its description.
+    """Score a flight. Pure; needs nothing of the system but its description.
 
     Args:
-        recording: of the flight so far.
+        book: of the flight so far.
         events: all of it, in order of time.
         faults: all that were laid; those that start later are not told.
         description: of the system.
@@ -75,26 +91,20 @@ def compute(
         acted: fault id -> when it acted in each run; one that is missing has never acted.
         silent: fault id -> why it did not act, for those that did not.
         first_run: number of the first run, by which events name it.
+        period: seconds between epochs; the system's if absent.
+        document: what was flown, to tell scores that can be merged; see :func:`merge`.
     """
-    runs = recording.rows.shape[1]
-    now = float(recording.time[-1]) if len(recording) else 0.0
+    now = float(book.time[-1]) if len(book) else 0.0
     begun = [f for f in faults if f.start is not None and f.start <= now]
-    judged = judge(begun, acted, channels, description, read(events, first_run), runs)
-    because = silent or {}
-    told = [
-        tell(cause, judged, recording, description, channels, because.get(str(cause.fault.id)))
-        for cause in judged.causes
-    ]
-    tests = false_alarms(recording, description, judged)
-    isolations = false_isolations(recording, description, judged)
-    estimators = {name: of_estimator(name, recording) for name in description.estimators}
-    return Score(
-        runs=runs,
-        time=now,
-        recovery=description.recovery,
-        faults=[t.score for t in told],
-        tests=tests,
-        isolations=isolations,
-        estimators=estimators,
-        headline=strip(recording, description, told, tests, isolations, estimators),
+    judged = judge(begun, acted, channels, description, read(events, first_run), book.runs)
+    numbers = flights(book, description, judged, first_run)
+    rows = Rows(
+        description,
+        now,
+        tuple(facts_of(cause, description, channels, book) for cause in judged.causes),
+        numbers,
+        told(book, description, judged, silent or {}, period or description.epoch, numbers["run"]),
+        wrong(description, book, judged, first_run),
+        document,
     )
+    return summarise(rows)

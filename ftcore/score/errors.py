@@ -1,45 +1,35 @@
-"""Errors and consistency of the estimators."""
+"""Errors and consistency of the estimators, from the rows of the runs."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ftcore.recording import Recording
 from ftcore.score.models import ErrorScore, EstimatorScore
-
-Array = NDArray[np.float64]
-
-SETTLING = 20.0
-"""Seconds at the start that do not count as errors: the filters are still converging."""
+from ftcore.score.per_fault import largest
+from ftcore.score.tables import Table
 
 
-def worst(values: Array) -> float | None:
-    """Largest absolute value; None where there is no number at all."""
-    return float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else None
-
-
-def of_estimator(name: str, recording: Recording) -> EstimatorScore:
+def of_estimator(name: str, flights: Table) -> EstimatorScore:
     """One estimator, from when the filters have settled."""
-    lo = int(np.searchsorted(recording.time, SETTLING - 1e-9))
-    rows = recording.rows[lo:] if len(recording) > lo else recording.rows
 
     def error(quantity: str) -> ErrorScore:
-        prefix = f"{name}.error.{quantity}."
-        columns = [i for n, i in recording.column.items() if n.startswith(prefix) and not n.endswith(".horizontal")]
-        if not columns or not len(rows):
+        key = f"{name}.{quantity}"
+        if f"squares.{key}" not in flights.columns:
             return ErrorScore(rms=None, worst=None)
-        squared = np.sum(rows[:, :, columns] ** 2, axis=-1)
-        if not np.isfinite(squared).any():
+        worst, epochs = largest(flights[f"worst_square.{key}"]), int(flights[f"epochs.{key}"].sum())
+        if worst is None or not epochs:
             return ErrorScore(rms=None, worst=None)
-        return ErrorScore(rms=float(np.sqrt(np.nanmean(squared))), worst=float(np.sqrt(np.nanmax(squared))))
+        mean = float(flights[f"squares.{key}"].sum()) / epochs
+        return ErrorScore(rms=float(np.sqrt(mean)), worst=float(np.sqrt(worst)))
 
-    column = recording.column.get(f"{name}.nees")
-    nees = float(np.nanmean(rows[:, :, column])) if column is not None and len(rows) else None
+    has_nees = f"nees.{name}" in flights.columns
+    nees = None
+    if has_nees and (epochs := int(flights[f"nees_epochs.{name}"].sum())):
+        nees = float(flights[f"nees.{name}"].sum()) / epochs
     return EstimatorScore(
         position=error("position"),
         velocity=error("velocity"),
         attitude=error("attitude"),
         nees=nees,
-        nees_dof=9 if column is not None else None,
+        nees_dof=9 if has_nees else None,
     )

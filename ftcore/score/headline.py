@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from ftcore import units
 from ftcore.description import SystemDescription
-from ftcore.recording import Recording
 from ftcore.score import intervals
-from ftcore.score.errors import SETTLING, worst
 from ftcore.score.healthy import of_alarms
 from ftcore.score.models import EstimatorScore, Headline, IsolationScore, TestScore
 from ftcore.score.names import called
-from ftcore.score.per_fault import Seen, Told, together, watching
+from ftcore.score.per_fault import Seen, Told, largest, together, watching
+from ftcore.score.rows import Rows
 from ftcore.score.shares import number
 
 Flags = NDArray[np.bool_]
@@ -25,18 +24,17 @@ NAMED = 3
 
 
 def strip(
-    recording: Recording,
-    description: SystemDescription,
+    rows: Rows,
     faults: Sequence[Told],
     tests: Sequence[TestScore],
     isolations: Sequence[IsolationScore],
     estimators: Mapping[str, EstimatorScore],
 ) -> list[Headline]:
     """All items, in the order in which they are shown."""
-    runs = recording.rows.shape[1]
+    runs, description = len(rows.runs), rows.description
     items = [*_of_faults(description, faults, runs), _of_alarms(description, tests), _of_isolations(isolations, runs)]
-    if len(description.score_headline) > 1 and len(recording):
-        items.append(_of_error(recording, description, faults))
+    if len(description.score_headline) > 1 and rows.time > 0.0:
+        items.append(_of_error(rows, faults))
     consistent = next((e for e in estimators.values() if e.nees is not None), None)
     if consistent is not None and consistent.nees_dof:
         value = float(consistent.nees or 0.0) / float(consistent.nees_dof)
@@ -52,15 +50,15 @@ def _of_faults(description: SystemDescription, faults: Sequence[Told], runs: int
         return [Headline(label=label, value=None, unit="s", note="no fault yet") for label in waiting]
     failures: dict[tuple[str, float], list[Told]] = {}
     for told in faults:
-        if told.cause.acted.any():
+        if told.acted.any():
             failures.setdefault((told.score.sensor, told.score.start), []).append(told)
-    silent = len([told for told in faults if not told.cause.acted.any()])
+    silent = len([told for told in faults if not told.acted.any()])
     if not failures:
         why = faults[0].score.words if len(faults) == 1 else f"{number(silent, 'fault', 'faults')} never acted"
         return [Headline(label=label, value=None, unit="s", note=why, detail=detail) for label in waiting]
     quiet = [f"{number(silent, 'other', 'others')} never acted"] if silent else []
     whom = _whom(description, faults)
-    acted = [np.any([t.cause.acted for t in group], axis=0) for group in failures.values()]
+    acted = [np.any([t.acted for t in group], axis=0) for group in failures.values()]
     ours = [test.name for test in watching(description)]
     found = [
         together([t.alarms[name] for t in group for name in ours if name in t.alarms] or [_nothing(runs)])
@@ -174,20 +172,21 @@ def _of_isolations(isolations: Sequence[IsolationScore], runs: int) -> Headline:
     )
 
 
-def _of_error(recording: Recording, description: SystemDescription, faults: Sequence[Told]) -> Headline:
-    """Worst error since the first fault, beside the unprotected twin's."""
+def _of_error(rows: Rows, faults: Sequence[Told]) -> Headline:
+    """Worst error since the first fault that acted, beside the unprotected twin's; since settling without one."""
+    description = rows.description
     mine, twin = description.score_headline[:2]
-    starts = [told.score.start for told in faults if told.cause.acted.any()]
-    lo = int(np.searchsorted(recording.time, min(starts, default=SETTLING) - 1e-9))
-    rows = recording.rows[lo:] if len(recording) > lo else recording.rows
-    found = [worst(rows[:, :, recording.column[name]]) for name in (mine, twin)]
-    unit = recording.signals[mine].unit
+    first = min((told for told in faults if told.acted.any()), key=lambda told: told.score.start, default=None)
+    unit = next(signal.unit for signal in description.signals if signal.name == mine)
+    found = [
+        largest(rows.flights[f"worst.{name}"] if first is None else first.worst_since[name]) for name in (mine, twin)
+    ]
     value, compare = (None if x is None else units.from_si(x, unit) for x in found)
     return Headline(
         label=description.score_label,
         value=value,
         unit=unit,
-        note="since the first fault" if starts else "since the filters settled",
+        note="since the filters settled" if first is None else "since the first fault",
         compare_label=description.estimators.get(twin.split(".")[0], twin),
         compare=compare,
     )

@@ -1,27 +1,19 @@
-"""What happened to the sound: false alarms per test and subject, false isolations per subject.
-
-Counted over the whole flight, whenever nothing that concerns the subject is there (:mod:`ftcore.score.blame`).
-"""
+"""What happened to the sound, from the rows of the runs: false alarms per test and subject, false isolations."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import binom
 
 from ftcore.description import SystemDescription
-from ftcore.description import Test as DeclaredTest
-from ftcore.recording import Recording
 from ftcore.score import intervals
-from ftcore.score.blame import Judge
-from ftcore.score.history import Spells
 from ftcore.score.models import IsolationScore, TestScore, WrongIsolation
 from ftcore.score.names import called
+from ftcore.score.rows import Rows
 from ftcore.score.shares import number, share
-
-Flags = NDArray[np.bool_]
+from ftcore.score.tables import Table
 
 LISTED = 20
 """False isolations of a subject that are told one by one."""
@@ -29,33 +21,23 @@ CHANCE = 0.01
 """Probability of calling alarms clustered although epochs are independent."""
 
 
-def false_alarms(recording: Recording, description: SystemDescription, judge: Judge) -> list[TestScore]:
-    """Every test on every subject that has a column in the recording."""
+def false_alarms(flights: Table, description: SystemDescription) -> list[TestScore]:
+    """Every test on every subject that has columns."""
     return [
-        _of_test(test, subject, recording, judge)
+        _of_test(test.name, subject, flights)
         for test in description.tests
         for subject in test.subjects
-        if f"test.{test.name}.{subject}.alarm" in recording.column
+        if f"alarms.{test.name}.{subject}" in flights.columns
     ]
 
 
-def _of_test(test: DeclaredTest, subject: str, recording: Recording, judge: Judge) -> TestScore:
-    prefix = f"test.{test.name}.{subject}"
-    tested = ~np.isnan(recording.rows[:, :, recording.column[f"{prefix}.statistic"]])
-    alarm = (recording.rows[:, :, recording.column[f"{prefix}.alarm"]] > 0.5) & tested
-    own, reaching = judge.explaining(subject), judge.reaching(test.name, subject)
-    reached = np.zeros_like(tested)
-    sound = tested
-    if own or reaching:
-        ours = judge.there(own, subject, recording.time)
-        others = judge.there(reaching, subject, recording.time)
-        sound, reached = tested & ~ours & ~others, tested & ~ours & others
-    false = alarm & sound
-    alarms, epochs = int(false.sum()), int(sound.sum())
-    begins = false.copy()
-    begins[1:] &= ~false[:-1]
-    stretches = int(begins.sum())
-    runs = share(int(false.any(axis=0).sum()), int(sound.any(axis=0).sum()), "runs with such a test")
+def _of_test(test: str, subject: str, flights: Table) -> TestScore:
+    def count(what: str) -> int:
+        return int(flights[f"{what}.{test}.{subject}"].sum())
+
+    alarms, epochs, stretches = count("alarms"), count("tests"), count("stretches")
+    with_alarm = int(np.count_nonzero(flights[f"alarms.{test}.{subject}"]))
+    with_test = int(np.count_nonzero(flights[f"tests.{test}.{subject}"]))
     rate = low = high = None
     clustered = False
     if epochs:
@@ -63,7 +45,7 @@ def _of_test(test: DeclaredTest, subject: str, recording: Recording, judge: Judg
         low, high = intervals.of_share(alarms, epochs)
         clustered = alarms > 1 and float(binom.sf(alarms - stretches - 1, alarms, rate)) < CHANCE
     score = TestScore(
-        name=test.name,
+        name=test,
         subject=subject,
         alarms=alarms,
         epochs=epochs,
@@ -72,9 +54,9 @@ def _of_test(test: DeclaredTest, subject: str, recording: Recording, judge: Judg
         high=high,
         stretches=stretches,
         clustered=clustered,
-        runs=runs,
-        reached_alarms=int((alarm & reached).sum()),
-        reached_epochs=int(reached.sum()),
+        runs=share(with_alarm, with_test, "runs with such a test"),
+        reached_alarms=count("reached_alarms"),
+        reached_epochs=count("reached_tests"),
         words="",
     )
     return score.model_copy(update={"words": of_alarms([score])})
@@ -108,39 +90,39 @@ def of_alarms(scores: Iterable[TestScore]) -> str:
     return text
 
 
-def false_isolations(recording: Recording, description: SystemDescription, judge: Judge) -> list[IsolationScore]:
+def false_isolations(rows: Rows) -> list[IsolationScore]:
     """Every subject that was in use, or was ever isolated."""
-    used = [name.removeprefix("used.") for name in recording.column if name.startswith("used.")]
-    names = dict.fromkeys([*used, *(s.name for s in description.subsystems if s.isolable), *judge.history.isolated])
-    found = [_of_subject(name, recording, description, judge) for name in names]
+    flights, description = rows.flights, rows.description
+    used = {signal.name.removeprefix("used.") for signal in description.signals if signal.name.startswith("used.")}
+    listed = used | {subsystem.name for subsystem in description.subsystems if subsystem.isolable}
+    found = []
+    for name in flights:
+        subject = name.removeprefix("in_use.")
+        if subject != name and (subject in listed or flights[f"isolations.{subject}"].any()):
+            found.append(_of_subject(subject, rows))
     return [score for score in found if score.count or score.hours]
 
 
-def _of_subject(subject: str, recording: Recording, description: SystemDescription, judge: Judge) -> IsolationScore:
-    exposed = _in_use(subject, recording)
-    own = judge.explaining(subject)
-    if own:
-        exposed = exposed & ~judge.there(own, subject, recording.time)
-    spells = judge.history.isolated.get(subject, Spells.none())
-    wrong, calm = judge.wrong(subject), judge.calm(subject)
+def _of_subject(subject: str, rows: Rows) -> IsolationScore:
+    flights = rows.flights
+    times, hours = flights[f"wrong_isolations.{subject}"], float(flights[f"in_use.{subject}"].sum()) / 3600.0
+    count, hit = int(times.sum()), int(np.count_nonzero(times))
+    wrong = rows.wrong.take(rows.wrong["subject"] == subject)
+    in_use = int(np.count_nonzero((flights[f"in_use.{subject}"] > 0.0) | (times > 0)))
     first = [
-        WrongIsolation(time=float(spells.since[i]), run=int(spells.run[i]), calm=bool(calm[i]))
-        for i in np.flatnonzero(wrong)[:LISTED]
+        WrongIsolation(time=float(time), run=int(run), calm=bool(calm))
+        for time, run, calm in zip(*(wrong[name][:LISTED] for name in ("time", "run", "calm")), strict=True)
     ]
-    count = int(wrong.sum())
-    hit = np.unique(spells.run[wrong])
-    in_use = np.union1d(np.flatnonzero(exposed.any(axis=0)), hit)
-    hours = float((exposed * _lasting(recording)[:, None]).sum()) / 3600.0
     per_hour = low = high = None
     if hours:
         per_hour = count / hours
         low, high = intervals.of_rate(count, hours)
     score = IsolationScore(
         subject=subject,
-        label=called(description, subject),
+        label=called(rows.description, subject),
         count=count,
-        calm=int((wrong & calm).sum()),
-        runs=share(len(hit), len(in_use), "runs in which it was in use"),
+        calm=int(flights[f"calm_isolations.{subject}"].sum()),
+        runs=share(hit, in_use, "runs in which it was in use"),
         hours=hours,
         per_hour=per_hour,
         low=low,
@@ -149,20 +131,6 @@ def _of_subject(subject: str, recording: Recording, description: SystemDescripti
         words="",
     )
     return score.model_copy(update={"words": of_isolation(score)})
-
-
-def _in_use(subject: str, recording: Recording) -> Flags:
-    """Where the master uses a subject ``(epochs, runs)``; all along where that is not recorded."""
-    column = recording.column.get(f"used.{subject}")
-    if column is None:
-        return np.ones(recording.rows.shape[:2], bool)
-    used: Flags = recording.rows[:, :, column] > 0.5
-    return used
-
-
-def _lasting(recording: Recording) -> NDArray[np.float64]:
-    """Seconds that each recorded epoch stands for; more than one period where a bounded recording was thinned."""
-    return np.diff(recording.time, prepend=0.0)
 
 
 def of_isolation(score: IsolationScore) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, PrivateAttr
+
+from ftcore.score import picture
+from ftcore.score.rows import Rows
 
 
 class Share(BaseModel):
@@ -156,3 +159,26 @@ class Score(BaseModel):
     isolations: list[IsolationScore]
     estimators: dict[str, EstimatorScore]
     headline: list[Headline]
+    _rows: Rows | None = PrivateAttr(default=None)
+
+    @property
+    def rows(self) -> Rows:
+        """The rows that all this is computed from; see :mod:`ftcore.score.rows`.
+
+        Raises:
+            ValueError: the score was read from a document, which has none.
+        """
+        if self._rows is None:
+            raise ValueError(
+                "this score was read from a document, which does not hold its rows; score the flight itself"
+            )
+        return self._rows
+
+    def __repr__(self) -> str:
+        """The strip: an item a line."""
+        return "\n".join(picture.lines(self))
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        return picture.html(self)

@@ -1,26 +1,21 @@
-"""What one fault did: when which test noticed, when the culprit was named, who was wronged meanwhile, what it cost.
+"""What one fault did, from its rows: noticed, named, who was wronged meanwhile, what it cost.
 
-Delays count, in each run, from the first epoch in which the fault acted; shares are of the runs in which it did.
-Whoever was in alarm, or out, before that, is neither found by this fault nor missed. A fault is found and named while
-it acts; one epoch more is allowed, as a decision may take the epoch after the last bad reading.
+Delays are medians over the runs; shares are of the runs in which the fault acted. Whoever was in alarm, or out, before
+that, is neither found by this fault nor missed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import SystemDescription, Test
-from ftcore.faults import KINDS, ChannelAddress, Fault
-from ftcore.recording import Recording
-from ftcore.score.blame import Cause, Judge
-from ftcore.score.errors import worst as worst_of
-from ftcore.score.history import SLACK, Spells, first_between
 from ftcore.score.models import FaultScore, Outcome, Share
+from ftcore.score.rows import FaultFacts
 from ftcore.score.shares import share
+from ftcore.score.tables import Table
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -64,154 +59,77 @@ def together(seen: list[Seen]) -> Seen:
 class Told:
     """One fault's part of the score, and run by run what the strip makes its own sums of."""
 
-    cause: Cause
+    acted: Flags
     score: FaultScore
     alarms: dict[str, Seen]
     isolation: Seen
+    worst_since: dict[str, Array]
 
 
-def tell(
-    cause: Cause,
-    judge: Judge,
-    recording: Recording,
-    description: SystemDescription,
-    channels: Mapping[str, ChannelAddress],
-    silent_because: str | None,
-) -> Told:
-    """Score one fault; ``silent_because`` is said where it never acted."""
-    named = {subject: spells for subject, spells in judge.history.isolated.items() if cause.explains(subject)}
-    until = cause.last + recording.period
-    alarms = _alarms(cause, judge, description, until)
-    isolation = _seen(
-        cause,
-        [spells.at(cause.first) for spells in named.values()],
-        [first_between(spells.run, spells.since, cause.first, until) for spells in named.values()],
+def tell(facts: FaultFacts, rows: Table, description: SystemDescription) -> Told:
+    """Score one fault from its rows, one per run."""
+    acted: Flags = rows["acted"]
+    alarms = {t: Seen(rows[f"alarm_delay.{t}"], rows[f"alarm_before.{t}"]) for t in facts.watched}
+    isolation = Seen(rows["isolation_delay"], rows["isolated_before"])
+    since = {name: rows[f"worst_since.{name}"] for name in description.score_headline}
+    score = FaultScore(
+        id=facts.id,
+        label=facts.label,
+        channel=facts.channel,
+        sensor=facts.sensor,
+        start=facts.start,
+        end=facts.end,
+        acted=share(int(acted.sum()), len(rows), "runs"),
     )
-    score = _blank(cause, judge.runs, channels)
-    acted = cause.acted
-    if not acted.any():
-        because = silent_because or "it has changed no reading so far"
-        return Told(
-            cause,
-            score.model_copy(update={"silent_because": because, "words": f"never acted: {because}"}),
-            alarms,
-            isolation,
-        )
+    if acted.any():
+        score = score.model_copy(update=_of_one_that_acted(facts, rows, alarms, isolation, description))
+        score = score.model_copy(update={"words": words(score, description)})
+    else:
+        because = str(rows["silent_because"][0])
+        score = score.model_copy(update={"silent_because": because, "words": f"never acted: {because}"})
+    return Told(acted, score, alarms, isolation, since)
+
+
+def _of_one_that_acted(
+    facts: FaultFacts, rows: Table, alarms: dict[str, Seen], isolation: Seen, description: SystemDescription
+) -> dict[str, object]:
+    """Fields of the score of a fault that acted in a run at least."""
+    acted: Flags = rows["acted"]
+    of = int(acted.sum())
     outcomes = {name: seen.outcome(acted) for name, seen in alarms.items()}
     isolated = isolation.outcome(acted)
-    wronged = _wronged(cause, judge)
-    at_end, back = _readmitted(cause, named, recording)
-    hit = np.any(list(wronged.values()), axis=0) if wronged else np.zeros(judge.runs, bool)
-    wrong = share(int(hit.sum()), int(acted.sum()), ACTED)
-    score = score.model_copy(
-        update={
-            "first_acted": float(np.median(cause.first[acted])),
-            "time_to_alarm": {name: outcome.delay for name, outcome in outcomes.items()},
-            "alarmed_share": {name: _not_missed(outcome) for name, outcome in outcomes.items()},
-            "alarms": outcomes,
-            "time_to_isolate": isolated.delay,
-            "isolated_share": _not_missed(isolated),
-            "isolation": isolated,
-            "isolated": sorted(
-                name
-                for name, spells in named.items()
-                if np.isfinite(first_between(spells.run, spells.since, cause.first, until)).any()
-            ),
-            "wrong_isolations": sorted(wronged),
-            "wrong_share": wrong.share,
-            "wrong": wrong,
-            "time_to_readmit": float(np.nanmedian(back)) if np.isfinite(back).any() else None,
-            "readmission": share(int(np.isfinite(back).sum()), int(at_end.sum()), OUT) if at_end.any() else None,
-            "worst": _cost(cause.fault, recording, description),
-        }
-    )
-    return Told(cause, score.model_copy(update={"words": words(score, description)}), alarms, isolation)
+    wronged = {
+        name.removeprefix("wrong."): rows[name] for name in rows if name.startswith("wrong.") and rows[name].any()
+    }
+    wrong = share(int(np.any(list(wronged.values()), axis=0).sum()) if wronged else 0, of, ACTED)
+    at_end, back = int(rows["out_at_end"].sum()), rows["readmission_delay"]
+    worst = {name: largest(rows[f"worst.{name}"]) for name in description.score_headline}
+    return {
+        "first_acted": float(np.median(rows["first_acted"][acted])),
+        "time_to_alarm": {name: outcome.delay for name, outcome in outcomes.items()},
+        "alarmed_share": {name: _not_missed(outcome) for name, outcome in outcomes.items()},
+        "alarms": outcomes,
+        "time_to_isolate": isolated.delay,
+        "isolated_share": _not_missed(isolated),
+        "isolation": isolated,
+        "isolated": sorted(s for s in facts.explained if rows[f"isolated.{s}"].any()),
+        "wrong_isolations": sorted(wronged),
+        "wrong_share": wrong.share,
+        "wrong": wrong,
+        "time_to_readmit": float(np.nanmedian(back)) if np.isfinite(back).any() else None,
+        "readmission": share(int(np.isfinite(back).sum()), at_end, OUT) if at_end else None,
+        "worst": {name: value for name, value in worst.items() if value is not None},
+    }
+
+
+def largest(values: Array) -> float | None:
+    """Largest of the numbers; None where there is none at all."""
+    return float(np.nanmax(values)) if np.isfinite(values).any() else None
 
 
 def _not_missed(outcome: Outcome) -> float:
     """Share of the runs in which it was so while the fault acted, since its onset or already before."""
     return (outcome.missed.of - outcome.missed.count) / outcome.missed.of
-
-
-def _blank(cause: Cause, runs: int, channels: Mapping[str, ChannelAddress]) -> FaultScore:
-    """What there is to say of a fault that never acted."""
-    fault = cause.fault
-    assert fault.start is not None
-    unit = fault.unit or KINDS[fault.kind].unit(channels[fault.channel].unit)
-    return FaultScore(
-        id=str(fault.id),
-        label=label(fault, unit),
-        channel=fault.channel,
-        sensor=cause.sensor,
-        start=fault.start,
-        end=fault.end,
-        acted=share(int(cause.acted.sum()), runs, "runs"),
-    )
-
-
-def _alarms(cause: Cause, judge: Judge, description: SystemDescription, until: Array) -> dict[str, Seen]:
-    """What each test that looks at an explained subject said of the fault, up to ``until (runs,)``."""
-    found = {}
-    for test in description.tests:
-        explained = [subject for subject in test.subjects if cause.explains(subject)]
-        edges = [e for subject in explained if (e := judge.history.alarms.get((test.name, subject))) is not None]
-        if explained:
-            found[test.name] = _seen(
-                cause, [e.at(cause.first) for e in edges], [e.first_between(cause.first, until) for e in edges]
-            )
-    return found
-
-
-def _seen(cause: Cause, before: list[Flags], since: list[Array]) -> Seen:
-    """From what was so before the fault acted, and when it became so since, ``(runs,)`` each, of several subjects."""
-    runs = len(cause.first)
-    already = np.any([np.zeros(runs, bool), *before], axis=0)
-    least = np.fmin.reduce([np.full(runs, np.nan), *since])
-    return Seen(np.where(already, np.nan, least - cause.first), already)
-
-
-def _cost(fault: Fault, recording: Recording, description: SystemDescription) -> dict[str, float]:
-    """Worst of the headline's errors from the start of the fault to its end."""
-    assert fault.start is not None
-    end = np.inf if fault.end is None else fault.end
-    lo, hi = np.searchsorted(recording.time, [fault.start - SLACK, end + SLACK])
-    found = {name: worst_of(recording.rows[lo:hi, :, recording.column[name]]) for name in description.score_headline}
-    return {name: value for name, value in found.items() if value is not None}
-
-
-def label(fault: Fault, unit: str | None) -> str:
-    """What a person calls a fault."""
-    size = "" if unit is None else f" {fault.magnitude:g} {unit}"
-    return f"{fault.channel} {KINDS[fault.kind].label}{size}"
-
-
-def _wronged(cause: Cause, judge: Judge) -> dict[str, Flags]:
-    """Subject -> runs ``(runs,)`` in which it was isolated wrongly while the fault, or its traces, were there."""
-    end = cause.last + judge.recovery
-    found = {}
-    for subject, spells in judge.history.isolated.items():
-        inside = (spells.since >= cause.first[spells.run] - SLACK) & (spells.since <= end[spells.run] + SLACK)
-        hit = inside & judge.wrong(subject)
-        if hit.any():
-            found[subject] = np.zeros(judge.runs, bool)
-            found[subject][spells.run[hit]] = True
-    return found
-
-
-def _readmitted(cause: Cause, named: Mapping[str, Spells], recording: Recording) -> tuple[Flags, Array]:
-    """Runs in which a culprit was out when the fault ended, and how long until it was back [s], ``(runs,)`` each."""
-    runs = len(cause.first)
-    at_end, back = np.zeros(runs, bool), np.full(runs, np.nan)
-    if cause.fault.end is None or cause.fault.end > recording.time[-1] + SLACK:
-        return at_end, back
-    end = np.where(cause.acted, cause.fault.end, np.nan)
-    for spells in named.values():
-        over = (spells.since <= end[spells.run] + SLACK) & (spells.until >= end[spells.run] - SLACK)
-        at_end[spells.run[over]] = True
-        returned = over & spells.readmitted
-        delay = spells.until[returned] - end[spells.run[returned]]
-        np.fmin.at(back, spells.run[returned], delay)
-    return at_end, back
 
 
 def watching(description: SystemDescription) -> list[Test]:

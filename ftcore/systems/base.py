@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ftcore.description import Indicator, SystemDescription, View
 from ftcore.faults import ChannelAddress
 from ftcore.noise import NoiseSource
+from ftcore.parts.ledger import Ledger
 from ftcore.readings import Readings
 
 Array = NDArray[np.float64]
@@ -126,6 +127,7 @@ class Output:
         detail: what the reporter needs; a value of the system's own type.
         command: what the plant is told for the next epoch; None where nothing is flown.
         left_out: reading group -> what of it was not looked at, neither by a filter nor by a test.
+        said: all of it by name, where the system writes a ledger.
     """
 
     statistic: Array
@@ -138,6 +140,7 @@ class Output:
     detail: Any
     command: Any = None
     left_out: Mapping[str, LeftOut] = field(default_factory=dict)
+    said: Ledger | None = None
 
 
 Visible = Callable[[str, float, float], bool]

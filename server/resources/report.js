@@ -10,6 +10,9 @@
     return unit && unit !== '1' ? `${text} ${unit}` : text;
   };
 
+  // A number and its unit stay on one line.
+  const joined = (parts) => parts.filter(Boolean).join('; ').replace(/(\d) (?=(?:%|s|m|m\/s|h|mg|rad|°)(?![\w/]))/g, '$1\u00a0');
+
   function table(into, caption, columns, rows) {
     if (!rows.length) return;
     into.append(el('h3', caption));
@@ -37,11 +40,12 @@
     const box = el('div');
     const value = el('dd');
     value.append(el('b', say(item.value, item.unit)));
-    if (item.note) value.append(' ', el('span', item.note, { className: 'dim' }));
-    box.append(el('dt', item.label), value);
-    if (item.detail && !said.has(item.detail)) box.append(el('dd', item.detail, { className: 'dim' }));
+    const told = el('dd', '', { className: 'told' });
+    const compared = item.compare_label ? `${item.compare_label} ${say(item.compare, item.unit)}` : '';
+    told.append(el('p', joined([item.note, compared])));
+    if (item.detail && !said.has(item.detail)) told.append(el('p', joined([item.detail]), { className: 'dim' }));
     said.add(item.detail);
-    if (item.compare_label) box.append(el('dd', `${item.compare_label}: ${say(item.compare, item.unit)}`, { className: 'dim' }));
+    box.append(el('dt', item.label), value, told);
     $('headline').append(box);
   }
   const first = (delays) => Object.entries(delays).filter(([, delay]) => delay !== null).sort((a, b) => a[1] - b[1]).map(([test, delay]) => `${test} ${say(delay, 's')}`).join(', ') || 'none';
@@ -49,7 +53,7 @@
     (score.faults ?? []).map((f) => [f.label, say(f.start, 's'), f.end === null ? 'to the end' : say(f.end, 's'), f.words, first(f.time_to_alarm), f.readmission ? `${say(f.time_to_readmit, 's')}, in ${f.readmission.words}` : '–']));
   table($('faults'), 'What each fault changed (in the first run)', ['fault', 'first at', 'epochs', 'now'],
     facts.deeds.map(([name, first, epochs, now]) => [name, say(first, 's'), epochs, now]));
-  table($('estimators'), 'Estimators (SI; root mean square, worst)', ['estimator', 'position', 'velocity', 'attitude', 'NEES'],
+  table($('estimators'), 'Estimators (root mean square, worst)', ['estimator', 'position (m)', 'velocity (m/s)', 'attitude (rad)', 'NEES'],
     Object.entries(score.estimators ?? {}).map(([name, e]) => [facts.estimators[name] ?? name, ...['position', 'velocity', 'attitude'].map((q) => `${say(e[q]?.rms)}, ${say(e[q]?.worst)}`), `${say(e.nees)}${e.nees_dof ? ` of ${e.nees_dof}` : ''}`]));
   const between = (low, high) => low === null ? '–' : `${say(low)} to ${say(high)}`;
   table($('tests'), `False alarms: while nothing that concerns the subject was wrong, nor up to ${say(score.recovery, 's')} before`, ['test', 'subject', 'alarms', 'of tests', 'rate', '95 % interval, tests taken as independent', 'in stretches', 'in runs', 'alarms while another faulty sensor entered the test'],
@@ -124,7 +128,7 @@
     const axis = { gridcolor: '#e6e8ea', zerolinecolor: '#d5d8dc' };
     Plotly.newPlot(box, traces, {
       margin: { l: 60, r: 12, t: 30, b: 34 }, title: { text: chart.title, font: { size: 13 }, x: 0, xanchor: 'left' }, font: { family: 'system-ui, sans-serif', size: 11 },
-      xaxis: { ...axis, title: { text: 's' } }, yaxis: { ...axis, type: chart.scale, ...(chart.levels.length ? { tickvals: chart.levels.map((_, i) => i), ticktext: chart.levels } : {}), title: { text: chart.unit === '1' ? '' : chart.unit } },
+      xaxis: { ...axis, title: { text: 'time, s' } }, yaxis: { ...axis, type: chart.scale, ...(chart.levels.length ? { tickvals: chart.levels.map((_, i) => i), ticktext: chart.levels } : {}), title: { text: chart.unit === '1' ? '' : chart.unit } },
       legend: { orientation: 'h', y: 1.13, x: 1, xanchor: 'right' }, shapes: marks, hovermode: 'x unified',
     }, { responsive: true, displaylogo: false });
   }

@@ -8,12 +8,13 @@ from fastapi import APIRouter, Request, Response
 
 from ftcore import CommandError
 from server.advances import for_as_long_as_the_client_listens
+from server.bodies import LargeBodies
 from server.dependencies import Live, Registry, SceneServers, kept_for
 from server.models import ExperimentState, Fork, NewExperiment
 from server.problems import Refused, at, documented
 from server.registry import scenario_from
 
-router = APIRouter(prefix="/experiments", tags=["experiments"])
+router = APIRouter(prefix="/experiments", tags=["experiments"], route_class=LargeBodies)
 
 
 @router.post(
@@ -33,7 +34,7 @@ async def create_experiment(
     except CommandError as error:
         place = at(["scenario", *error.field.split(".")], str(error))
         raise Refused(409, str(error), [place]) from None
-    experiment.spare = body.spare
+    experiment.reusable = body.spare
     await kept_for(request, experiment)
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}"
     return await experiment.state()
@@ -95,8 +96,8 @@ async def ghost_experiment(
 
     A client that hangs up meanwhile leaves none behind.
     """
-    async with for_as_long_as_the_client_listens(request) as advance:
-        ghost = await registry.ghost(experiment, advance)
-    await kept_for(request, ghost)
-    response.headers["location"] = f"/api/v1/experiments/{ghost.id}"
-    return await ghost.state()
+    async with for_as_long_as_the_client_listens(request) as job:
+        twin = await registry.fault_free_twin(experiment, job)
+    await kept_for(request, twin)
+    response.headers["location"] = f"/api/v1/experiments/{twin.id}"
+    return await twin.state()

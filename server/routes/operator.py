@@ -8,9 +8,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Path, Response
 from pydantic import ValidationError
 
-from ftcore import Fault, Simulation
+from ftcore import CommandError, Fault, Simulation
+from ftcore.commands import Change, Clear, Configure, Inject, NoSuchFault, Switch, made, plain
+from server.commands import Done
 from server.dependencies import Live
-from server.experiments import fault_state
+from server.experiments import Experiment
 from server.models import ExperimentState, FaultChange, FaultState, NewFault, SubsystemSwitch
 from server.problems import Refused, documented, from_validation
 
@@ -23,7 +25,7 @@ FaultId = Annotated[str, Path(description="a fault of this experiment", examples
 async def inject_fault(body: NewFault, experiment: Live, response: Response) -> FaultState:
     """Lays a fault over a channel, between two epochs; ``start`` defaults to now. It is announced as an event."""
     fault = Fault.model_validate(body.model_dump(exclude_unset=True))
-    state = await experiment.command(lambda simulation: fault_state(simulation, simulation.inject(fault)))
+    state = (await experiment.do(made(Inject, {"time": experiment.now, "fault": fault}))).faults[0]
     response.headers["location"] = f"/api/v1/experiments/{experiment.id}/faults/{state.id}"
     return state
 
@@ -46,13 +48,8 @@ async def get_fault(fault: FaultId, experiment: Live) -> FaultState:
 @router.patch("/faults/{fault}", operation_id="changeFault", summary="Change a fault", responses=ERRORS)
 async def change_fault(fault: FaultId, body: FaultChange, experiment: Live) -> FaultState:
     """Changes what is given; the rest stays."""
-    fields = body.model_dump(exclude_unset=True)
-
-    def change(simulation: Simulation) -> FaultState:
-        _find(simulation, fault)
-        return fault_state(simulation, simulation.change(fault, **fields))
-
-    return await experiment.command(change)
+    fields = plain(body.model_dump(exclude_unset=True))
+    return (await _to_a_fault(experiment, Change, fault, fields=fields)).faults[0]
 
 
 @router.delete(
@@ -60,18 +57,13 @@ async def change_fault(fault: FaultId, body: FaultChange, experiment: Live) -> F
 )
 async def clear_fault(fault: FaultId, experiment: Live) -> FaultState:
     """Ends one fault now; the channel is truly restored. An ended fault stays in the list."""
-
-    def clear(simulation: Simulation) -> FaultState:
-        _find(simulation, fault)
-        return fault_state(simulation, simulation.clear(fault))
-
-    return await experiment.command(clear)
+    return (await _to_a_fault(experiment, Clear, fault)).faults[0]
 
 
 @router.delete("/faults", operation_id="clearFaults", summary="Clear all faults", responses=documented(404, 409, 410))
 async def clear_faults(experiment: Live) -> list[FaultState]:
     """Ends every fault that is armed or active; answers those."""
-    return await experiment.command(lambda s: [fault_state(s, fault) for fault in s.clear_all()])
+    return list((await experiment.do(Clear(time=experiment.now))).faults)
 
 
 @router.patch("/subsystems/{name}", operation_id="switchSubsystem", summary="Switch a subsystem", responses=ERRORS)
@@ -79,8 +71,7 @@ async def switch_subsystem(name: str, body: SubsystemSwitch, experiment: Live) -
     """Switches a subsystem off or on."""
     if name not in (known := [subsystem.name for subsystem in experiment.description.subsystems]):
         raise Refused(404, f"no subsystem {name!r}; there are {', '.join(known)}")
-    await experiment.command(lambda simulation: simulation.switch(name, body.enabled))
-    return await experiment.state()
+    return (await experiment.do(Switch(time=experiment.now, subsystem=name, enabled=body.enabled))).state
 
 
 @router.patch("/settings", operation_id="changeSettings", summary="Change settings", responses=ERRORS)
@@ -97,20 +88,26 @@ async def change_settings(
 ) -> ExperimentState:
     """Changes settings of the system while it flies, such as the false-alarm probability or the driving test."""
 
-    def configure(simulation: Simulation) -> None:
-        form = simulation.scenario.model.Settings
-        try:
-            form.model_validate_json(json.dumps(simulation.settings | body), strict=True)
-        except ValidationError as error:
-            raise from_validation(error, body, form, free=body) from None
-        simulation.configure(**body)
-
-    await experiment.command(configure)
-    return await experiment.state()
+    await experiment.read(lambda simulation: _refuse_unfit(simulation, body))
+    return (await experiment.do(made(Configure, {"time": experiment.now, "settings": plain(body)}))).state
 
 
-def _find(simulation: Simulation, id: str) -> None:
-    """Raise Refused (404) if there is no such fault."""
-    ids = [str(live.fault.id) for live in simulation.faults]
-    if id not in ids:
-        raise Refused(404, f"no fault {id!r}; there is {', '.join(ids) or 'none'}")
+def _refuse_unfit(simulation: Simulation, settings: dict[str, Any]) -> None:
+    """Raise Refused, naming all that is wrong, if the settings do not fit the form or one another."""
+    form = simulation.scenario.model.Settings
+    try:
+        form.model_validate_json(json.dumps(simulation.settings | settings), strict=True)
+    except ValidationError as error:
+        raise from_validation(error, settings, form, free=settings) from None
+
+
+async def _to_a_fault(experiment: Experiment, form: type[Change] | type[Clear], fault: str, **values: Any) -> Done:
+    """Do a command to the fault of the path. Raises Refused (404) if there is none of that id."""
+    try:
+        command = made(form, {"time": experiment.now, "fault": fault, **values})
+    except CommandError:
+        raise Refused(404, f"no fault {fault!r} in this experiment") from None
+    try:
+        return await experiment.do(command)
+    except NoSuchFault as error:
+        raise Refused(404, str(error)) from None

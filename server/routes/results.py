@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ftcore import Scenario
 from ftcore.description import View
-from ftcore.scenario import Seconds
+from ftcore.documents import Seconds
 from ftcore.score import Score
 from server import negotiation, report, series
 from server.dependencies import Live

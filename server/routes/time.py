@@ -6,11 +6,12 @@ import math
 
 from fastapi import APIRouter, Request
 
-from ftcore import CommandError, Simulation
+from ftcore import commands
 from server.advances import for_as_long_as_the_client_listens
+from server.commands import Clock
 from server.dependencies import Live, SettingsOf
 from server.models import Advance, Advanced, ClockChange, EventState, ExperimentState, Rewind
-from server.problems import Refused, at, documented
+from server.problems import documented
 
 router = APIRouter(prefix="/experiments/{id}", tags=["time"])
 ERRORS = documented(400, 404, 409, 410, 413, 415, 422)
@@ -22,9 +23,8 @@ async def set_clock(body: ClockChange, experiment: Live) -> ExperimentState:
 
     ``paused`` also stops an advance, after the epoch that is under way; ``running`` is refused while one flies.
     """
-    given = body.model_fields_set
-    experiment.set_clock(body.state if "state" in given else None, body.speed if "speed" in given else None)
-    return await experiment.state()
+    given = {name: getattr(body, name) for name in body.model_fields_set}
+    return (await experiment.do(Clock(time=experiment.now, **given))).state
 
 
 @router.post(
@@ -41,24 +41,11 @@ async def advance_experiment(body: Advance, experiment: Live, settings: Settings
     its advance, and so do a paused clock and a rewind (both: 409, which says where), a deletion (410), and the end of
     the server (503). A second advance is refused (409) while one flies.
     """
-    first_event = 0
-
-    def goal(simulation: Simulation) -> int:
-        nonlocal first_event
-        first_event = len(simulation.events)
-        epoch = _goal(body, simulation)
-        if epoch - simulation.epoch > settings.max_advance_epochs:
-            field = "epochs" if body.epochs is not None else "until"
-            most = f"one advance flies at most {settings.max_advance_epochs} epochs; ask again for the rest"
-            raise Refused(409, most, [at([field], most)])
-        return epoch
-
-    def outcome(simulation: Simulation) -> Advanced:
-        events = [EventState.model_validate(e, from_attributes=True) for e in simulation.events[first_event:]]
-        return Advanced(experiment=experiment.describe(simulation), events=events, latest=numbers(simulation.latest()))
-
-    async with for_as_long_as_the_client_listens(request) as advance:
-        return await experiment.advance(advance, goal, outcome)
+    command = commands.Advance(time=experiment.now, until=body.until, epochs=body.epochs)
+    async with for_as_long_as_the_client_listens(request, settings.max_advance_epochs) as job:
+        done = await experiment.do(command, job)
+    events = [EventState.model_validate(event, from_attributes=True) for event in done.events]
+    return Advanced(experiment=done.state, events=events, latest=numbers(done.latest))
 
 
 @router.post("/rewind", operation_id="rewindExperiment", summary="Go back", responses=ERRORS)
@@ -67,21 +54,7 @@ async def rewind_experiment(body: Rewind, experiment: Live) -> ExperimentState:
 
     An advance that flies meanwhile ends.
     """
-    await experiment.rewind(body.to)
-    return await experiment.state()
-
-
-def _goal(body: Advance, simulation: Simulation) -> int:
-    """Epoch that an advance asks for."""
-    if body.epochs is not None:
-        return min(simulation.last_epoch, simulation.epoch + body.epochs)
-    if body.until is None:
-        return simulation.last_epoch
-    if body.until < simulation.now - 1e-9:
-        raise CommandError(
-            "until", f"until is {body.until:g} s, but the flight is at {simulation.now:g} s; rewind first"
-        )
-    return min(simulation.last_epoch, math.floor(body.until / simulation.period + 1e-6))
+    return (await experiment.do(commands.Rewind(time=experiment.now, to=body.to))).state
 
 
 def numbers(values: dict[str, float]) -> dict[str, float | None]:

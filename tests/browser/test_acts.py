@@ -123,17 +123,39 @@ def test_a_shared_link_has_the_charts_and_the_window(lab: Lab, context: BrowserC
     lab.page.locator(".chooser input").nth(0).uncheck()
     lab.page.keyboard.press("Escape")
     lab.page.get_by_label("Time window of the charts").select_option("10")
+    lab.page.locator("ft-topbar").get_by_role("button", name="Theme").click()
     charts = lab.page.locator("ft-charts .chart h3").all_inner_texts()
     lab.page.get_by_role("button", name="Share", exact=True).click()
     expect(lab.page.locator(".toast").last).to_contain_text("these charts")
     address = lab.page.evaluate("navigator.clipboard.readText()")
-    fresh = context.browser.new_context(viewport={"width": 1440, "height": 900})  # type: ignore[union-attr]
+    fresh = context.browser.new_context(color_scheme="dark")  # type: ignore[union-attr]
     other = Lab(fresh.new_page(), lab.base)
     other.open(address)
     expect(other.page.locator("ft-charts .chart")).to_have_count(len(charts))
     assert other.page.locator("ft-charts .chart h3").all_inner_texts() == charts
     assert other.page.evaluate("import('/static/store.js').then((m) => m.store.get().follow)") == 10
+    assert other.page.evaluate("document.documentElement.dataset.theme") == "light"
+    assert other.page.evaluate("localStorage.getItem('theme')") is None
     fresh.close()
+
+
+UNPACK = """async (run) => {
+  const { link, unpack } = await import('/static/share.js');
+  return unpack(new URL(await link(run)).hash);
+}"""
+RUN = {
+    "scenario": {"id": "x"}, "time": 5.0, "cursor": 2.0, "charts": ["a"], "zoom": [1.0, 3.0], "follow": None,
+    "title": "Branch A at 2.0 s", "theme": "light", "picture": "Parity space", "large": True,
+}  # fmt: skip
+PLAIN = {"cursor": None, "charts": None, "zoom": None, "follow": None, "title": None, "theme": None, "picture": None}
+
+
+def test_a_link_holds_how_the_page_looks_and_takes_nothing_else(plain: Page) -> None:
+    assert plain.evaluate(UNPACK, RUN) == RUN
+    old = {"scenario": {"id": "x"}, "time": 5.0}
+    assert plain.evaluate(UNPACK, old) == old | PLAIN | {"large": False}
+    odd = {"title": "x" * 121, "theme": "pink", "picture": 7, "large": "yes", "charts": {}, "zoom": [1], "cursor": "2"}
+    assert plain.evaluate(UNPACK, old | odd) == old | PLAIN | {"large": False}
 
 
 PACK = """async (run) => (await import('/static/share.js')).link(run)"""
@@ -233,6 +255,16 @@ TIMES = """async (texts) => {
 def test_times_are_read_as_they_are_shown(plain: Page) -> None:
     texts = ["150", "2:30", " 1:02:03.5 ", "0:00.02", "2,5", "90:00", "2:60", "1:75:00", "-1:00", "a", "", "1:2:3:4"]
     assert plain.evaluate(TIMES, texts) == [150, 150, 3723.5, 0.02, 2.5, 5400, None, None, None, None, None, None]
+
+
+KEPT = """async (text) => (await import('/static/format.js')).kept(text)"""
+
+
+def test_no_line_ends_between_a_number_and_its_unit(plain: Page) -> None:
+    text = "after 27 s; 9.5 m of 1215 tests: 0 % (95 %: 0 to 0.3 %), 2 m/s, 5 mg, 3 satellites, 4 of 6"
+    for unit in ("s;", "m ", "%", "m/s", "mg"):
+        text = text.replace(f" {unit}", f"~{unit}") if unit != "s;" else text.replace("27 s;", "27~s;")
+    assert plain.evaluate(KEPT, text.replace("~", " ")).replace("\u00a0", "~") == text
 
 
 READOUTS = """async (values) => {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from playwright.sync_api import BrowserContext, expect
+from playwright.sync_api import BrowserContext, Page, expect
 
 from .lab import Lab
 
@@ -66,6 +66,31 @@ def test_an_experiment_left_untouched_is_deleted_and_one_that_flew_is_kept(lab: 
     expect(lab.page).not_to_have_url(re.compile(flown))
     lab.page.wait_for_timeout(2500)
     assert set(_all(lab)) == {flown, lab.id}
+
+
+ANSWERED = """async () => {
+  const { answered, read } = await import('/static/api.js');
+  const { fetch } = window;
+  const waiting = [];
+  window.fetch = () => new Promise((answer) => waiting.push(() => answer(new Response('{}'))));
+  const said = [];
+  void read.score('one');
+  void read.experiment('ones');
+  const done = answered('one').then(() => said.push('answered'));
+  await new Promise((later) => setTimeout(later));
+  void read.events('one');
+  waiting[0]();
+  await new Promise((later) => setTimeout(later));
+  said.push('one more');
+  waiting[2]();
+  await done;
+  window.fetch = fetch;
+  return said;
+}"""
+
+
+def test_what_was_asked_of_an_experiment_is_answered_before_it_is_deleted(plain: Page) -> None:
+    assert plain.evaluate(ANSWERED) == ["one more", "answered"]
 
 
 def test_a_full_server_is_a_list_to_choose_from(lab: Lab) -> None:

@@ -37,6 +37,16 @@ COVERED = """() => {
   const [toast, score] = ['.toast', 'ft-score'].map((name) => document.querySelector(name).getBoundingClientRect());
   return toast.left < score.right && score.left < toast.right && toast.top < score.bottom && score.top < toast.bottom;
 }"""
+TOUCHING = """() => {
+  const bad = [];
+  for (const axis of ['.ruler .ticks', 'ft-timeline .ticks']) {
+    const boxes = [...document.querySelectorAll(`${axis} span`)].map((e) => e.getBoundingClientRect());
+    boxes.forEach((box, i) => i && box.left < boxes[i - 1].right + 2 && bad.push([axis, i]));
+    const { right } = document.querySelector(axis).closest('ft-charts, ft-timeline').getBoundingClientRect();
+    if (boxes.at(-1).right > right) bad.push([axis, 'beyond the end']);
+  }
+  return bad;
+}"""
 REACHED = """() => ['ft-topbar .play', 'ft-score', 'ft-charts .chart', 'ft-bench .primary', 'ft-diagram svg',
   'ft-timeline .track', 'ft-log .events', 'ft-scene h2'].filter((name) => {
     const box = document.querySelector(name).getBoundingClientRect();
@@ -55,16 +65,19 @@ def test_nothing_cuts_the_meaning(lab: Lab, scenario: str, until: float, channel
     option = page.locator("ft-bench select[name=channel] option", has_text=channel).first
     page.locator("ft-bench select[name=channel]").select_option(option.get_attribute("value"))
     expect(page.locator("ft-score dd.value").first).to_be_visible()
-    for width, height in ((1280, 720), (1024, 768)):
+    for width, height in ((1440, 900), (1280, 720), (1024, 768)):
         page.set_viewport_size({"width": width, "height": height})
         page.wait_for_function(f"() => ({CUT})().length === 0 || performance.now() % 5000 > 4900")
         assert page.evaluate(CUT) == [], (width, height)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
+        expect(page.locator("ft-scene .legend")).to_be_in_viewport(ratio=1)
+        assert page.evaluate(TOUCHING) == []
         lab.inject()
         expect(page.locator(".toast").last).to_be_visible()
         assert not page.evaluate(COVERED)
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.evaluate(REACHED) == []
+    assert page.evaluate(TOUCHING) == []
     page.locator("ft-log .event").last.scroll_into_view_if_needed()
     expect(page.locator("ft-log .event").last).to_be_in_viewport()

@@ -7,10 +7,11 @@ from ftcore import Fault, Scenario, Simulation
 from ftcore.readings import Group, Readings
 from ftcore.sensors import rinex
 from ftcore.systems.base import Controls
+from ftcore.systems.gps_receiver import LAYOUT
 from ftcore.systems.gps_receiver.forms import Log, Parameters, Settings
-from ftcore.systems.gps_receiver.names import SATELLITES, SLOTS
 from ftcore.systems.gps_receiver.navigator import Navigator
 from ftcore.systems.gps_receiver.plant import LogPlant
+from ftcore.systems.gps_receiver.satellites import SATELLITES, SLOTS
 from tests.synthetic_log import ANTENNA, files
 
 MILLISECOND = 299_792.458
@@ -38,7 +39,7 @@ def flown(log, added, masked=None):
     runs = len(added(1) if callable(added) else added)
     p = Parameters(log=Log(observation="o", navigation="n", antenna=tuple(ANTENNA)))
     assert p.log is not None
-    plant, navigator = LogPlant(log, p.log, runs), Navigator(p, runs, log.interval)
+    plant, navigator = LogPlant(log, p.log, runs), Navigator(p, runs, log.interval, LAYOUT)
     controls = Controls({"gps": True}, Settings())
     plant_state, state = plant.initial(), navigator.initial(controls)
     errors, codes = [], []
@@ -52,8 +53,8 @@ def flown(log, added, masked=None):
         state, output = navigator.step(
             state, Readings(readings.time, {"gps.pseudorange": faulty}, readings.aiding), controls
         )
-        errors.append(np.linalg.norm(output.detail.position_e - ANTENNA, axis=-1))
-        codes.append(output.detail.status)
+        errors.append(np.linalg.norm(output.said.values["position_e"] - ANTENNA, axis=-1))
+        codes.append(output.said["{estimator}.status"])
     return np.array(errors), np.array(codes)
 
 

@@ -11,7 +11,8 @@ from scipy.stats import binom, chi2
 from ftcore import CommandError, Fault, Scenario, Simulation, catalogue
 from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXCLUDED, NO_FIX
 from ftcore.faults import KINDS, largest
-from ftcore.systems.gps_receiver.names import ESTIMATORS, SLOTS
+from ftcore.systems.gps_receiver.estimators import ESTIMATORS
+from ftcore.systems.gps_receiver.satellites import SLOTS
 from tests.faulting import lay, sized
 
 DESCRIPTION = catalogue.system("gps-receiver")

@@ -15,7 +15,7 @@ RAMP = Fault(channel="gps.pseudorange.C1", kind="ramp", magnitude=2.0, start=25.
 def state(sim):
     """What the navigator carries, its past and the numbers that flying again needs: the inside of the system."""
     navigator = sim._assembly.navigator
-    return sim._state.navigator, (navigator._p.aiding, navigator._altimeter_variance)
+    return sim._state.navigator, (navigator._p.aiding, navigator._altimeter_variance, navigator._biases)
 
 
 def culprits(runs, since, gps=False, altimeter=False, satellite=None):

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from ftcore import noise
 from ftcore.noise import BLOCK, NoiseSource
 
 
@@ -60,3 +61,14 @@ def test_given_many_addresses_then_the_numbers_are_standard_normal():
 def test_given_an_impossible_seed_then_the_message_says_what_would_be_right(seed):
     with pytest.raises(ValueError, match=r"0 to 2\*\*63"):
         NoiseSource(seed, range(1))
+
+
+@given(epochs=st.lists(st.integers(0, 3 * BLOCK), min_size=1, max_size=30), held=st.sampled_from([1, 5, 43, 63]))
+def test_given_blocks_that_are_drawn_in_pieces_then_the_numbers_are_the_same(epochs, held):
+    runs, numbers = 4, 3
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(noise, "LARGE", held * runs * numbers)
+        pieces, whole = NoiseSource(3, range(runs)), NoiseSource(3, range(2, 3))
+        drawn = [pieces.normal("imu", epoch, (numbers,))[2:3] for epoch in epochs]
+    for epoch, values in zip(epochs, drawn, strict=True):
+        np.testing.assert_array_equal(values, whole.normal("imu", epoch, (numbers,)))

@@ -9,8 +9,8 @@ from ftcore import CommandError, Fault, Scenario, Simulation
 from ftcore.sensors import rinex
 from ftcore.systems.gps_receiver.forms import LONGEST_LOG, Log
 from ftcore.systems.gps_receiver.logs import log_scenario
-from ftcore.systems.gps_receiver.names import SATELLITES
 from ftcore.systems.gps_receiver.plant import LogPlant, held
+from ftcore.systems.gps_receiver.satellites import SATELLITES
 from tests.synthetic_log import ANTENNA, Files, files
 
 EPOCHS, INTERVAL = 40, 30.0

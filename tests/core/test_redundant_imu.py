@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from ftcore import Fault, Scenario, Simulation, catalogue
 from ftcore.faults import KINDS, largest
-from ftcore.systems.redundant_imu.names import SUBJECTS
+from ftcore.systems.redundant_imu.gyros import SUBJECTS
 from tests.faulting import lay, sized
 from tests.redundant_imu import bias, pair, scenario
 

@@ -13,11 +13,12 @@ from ftcore.readings import Group, Readings
 from ftcore.sensors import broadcast, rinex, rinex_navigation
 from ftcore.sensors.rinex import LogError
 from ftcore.systems.base import Controls
+from ftcore.systems.gps_receiver import LAYOUT
 from ftcore.systems.gps_receiver.forms import Log, Parameters, Settings
 from ftcore.systems.gps_receiver.logs import log_scenario
-from ftcore.systems.gps_receiver.names import PRNS, SATELLITES, SLOTS
 from ftcore.systems.gps_receiver.navigator import Navigator
 from ftcore.systems.gps_receiver.plant import LogPlant
+from ftcore.systems.gps_receiver.satellites import PRNS, SATELLITES, SLOTS
 
 FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "rinex"
 OBSERVATION, NAVIGATION = FOLDER / "30400920.05o", FOLDER / "30400920.05n"
@@ -333,14 +334,14 @@ def test_given_the_operators_fault_then_it_lies_over_the_real_pseudorange_and_on
 def test_given_the_end_of_the_log_then_there_is_no_fix_and_it_says_so(log):
     p = Parameters(log=Log(observation="o", navigation="n", antenna=ANTENNA))
     assert p.log is not None
-    plant, navigator = LogPlant(log, p.log, 1), Navigator(p, 1, log.interval)
+    plant, navigator = LogPlant(log, p.log, 1), Navigator(p, 1, log.interval, LAYOUT)
     controls = Controls({"gps": True}, Settings())
     plant_state, state = plant.initial(), navigator.initial(controls)
     codes, kinds = [], []
     for epoch in range(118, 124):
         plant_state, _, readings = plant.step(plant_state, epoch, None)
         state, output = navigator.step(state, readings, controls)
-        codes.append(output.detail.status[0].tolist())
+        codes.append(output.said["{estimator}.status"][0].tolist())
         kinds += [notice.kind for notice in output.notices]
     assert [c[0] for c in codes] == [0, 0, 0, 4, 4, 4]
     assert all(c[2] > 1 for c in codes[3:])
@@ -366,7 +367,7 @@ def campaign(log, sizes, mask=5.0, **chosen):
     bias = np.zeros((len(cases), len(SATELLITES)))
     for i, (size, prn) in enumerate(cases):
         bias[i, len(SLOTS) + prn] = size
-    plant, navigator = LogPlant(log, p.log, len(cases)), Navigator(p, len(cases), log.interval)
+    plant, navigator = LogPlant(log, p.log, len(cases)), Navigator(p, len(cases), log.interval, LAYOUT)
     controls = Controls({"gps": True}, Settings(**chosen))
     state, plant_state = navigator.initial(controls), plant.initial()
     names = ("epochs", "detected", "right", "wrong", "wrong_combined", "cannot_isolate", "hazardous", "unnoticed")
@@ -378,10 +379,9 @@ def campaign(log, sizes, mask=5.0, **chosen):
         faulty = Group(clean.values + bias, clean.valid, clean.times)
         readings = Readings(readings.time, {"gps.pseudorange": faulty}, readings.aiding)
         state, output = navigator.step(state, readings, controls)
-        detail = output.detail
-        seen = np.zeros((len(cases), n), bool)
-        seen[:, detail.columns] = np.isfinite(detail.unit_n[..., 0])
-        error = np.linalg.norm(detail.position_e - np.array(ANTENNA), axis=-1)
+        said, status = output.said, output.said["{estimator}.status"]
+        seen = np.isfinite(said["elevation.{satellite}"])
+        error = np.linalg.norm(said.values["position_e"] - np.array(ANTENNA), axis=-1)
         named = output.alarm[:, 1 : n + 1]
         out = seen & ((output.health[:, 1:] == 1) | (output.health[:, 1:] == 2))
         for i, (size, prn) in enumerate(cases):
@@ -390,16 +390,16 @@ def campaign(log, sizes, mask=5.0, **chosen):
                 continue
             c = counts[size]
             others = np.arange(n) != column
-            healthy = detail.status[i] <= 1
+            healthy = status[i] <= 1
             c["epochs"] += 1
             c["detected"] += bool(output.alarm[i, 0])
             c["right"] += bool(named[i, column] and not named[i, others].any())
             c["wrong"] += bool(named[i, others].any())
             c["wrong_combined"] += bool(healthy[2] and out[i, others].any())
-            c["cannot_isolate"] += bool(detail.status[i, 0] == 2)
+            c["cannot_isolate"] += bool(status[i, 0] == 2)
             for k, accused in ((0, named), (2, out)):
                 c["hazardous"] += bool(healthy[k] and error[i, k] > 30.0 and accused[i, others].any())
-            available = healthy & (detail.protection.level[i] <= detail.alert_limit)
+            available = healthy & (said["{estimator}.protection"][i] <= said["protection.alert"][i])
             c["unnoticed"] += sum(bool(available[k] and error[i, k] > 30.0) for k in (0, 1, 2))
     return counts
 

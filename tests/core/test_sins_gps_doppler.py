@@ -8,10 +8,9 @@ from ftcore import CommandError, Fault, Scenario, Simulation
 from ftcore.detection import supervisor
 from ftcore.estimation import least_squares
 from ftcore.systems.sins_gps_doppler import satellites
-from ftcore.systems.sins_gps_doppler.aids import Aid
+from ftcore.systems.sins_gps_doppler.aids import SLOTS, Aid
 from ftcore.systems.sins_gps_doppler.bank import SIZE, Filters
 from ftcore.systems.sins_gps_doppler.forms import Settings
-from ftcore.systems.sins_gps_doppler.names import SLOTS
 
 CALM = Scenario.load("zhang-1992").model_copy(update={"faults": ()})
 RULES = supervisor.Rules(2, 3, 1, 5)

@@ -41,7 +41,7 @@ def experiment(flight: Flight) -> Any:
 
 def queued(flight: Flight, number: int) -> None:
     """Wait until so many have the simulation or stand in line for it."""
-    wait_until(lambda: len(experiment(flight)._busy) >= number, PATIENCE)
+    wait_until(lambda: experiment(flight)._turns.taken >= number, PATIENCE)
 
 
 def advancing(flight: Flight, gate: Gate, aside: ThreadPoolExecutor, **how: Any) -> Future[Any]:

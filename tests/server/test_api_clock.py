@@ -16,8 +16,8 @@ from fastapi.testclient import TestClient
 from hand_clock import HandClock, laboratory
 from rest_lab import Flight, wait_until
 
-from ftcore import Fault, Scenario
-from server.advances import Advance
+from ftcore import Fault, Scenario, commands
+from server.commands import Clock
 from server.experiments import Experiment
 from server.pacing import SLIP, Pacer
 
@@ -37,11 +37,11 @@ def test_given_ten_seconds_at_five_times_real_time_then_fifty_seconds_are_flown_
         clock = HandClock()
         async with laboratory(clock) as registry:
             experiment = await registry.create(Scenario.model_validate(toy.scenario(duration=100.0)))
-            experiment.set_clock("running", 5.0)
+            await experiment.do(Clock(time=0.0, state="running", speed=5.0))
             for tenth in range(1, 101):
                 await clock.move(0.1, [experiment])
                 assert epochs(experiment) == 5 * tenth
-            experiment.set_clock("paused", None)
+            await experiment.do(Clock(time=50.0, state="paused"))
             await asyncio.sleep(0.01)
             clock.time += 3.0
             await asyncio.sleep(0.01)
@@ -64,17 +64,17 @@ def test_given_a_running_experiment_when_it_is_advanced_then_it_keeps_its_pace_f
         clock = HandClock()
         async with laboratory(clock) as registry:
             experiment = await registry.create(Scenario.model_validate(toy.scenario()))
-            experiment.set_clock("running", 1.0)
+            await experiment.do(Clock(time=0.0, state="running", speed=1.0))
             await clock.settled([experiment])
-            await experiment.advance(Advance(), lambda _: 300, lambda _: None)
+            await experiment.do(commands.Advance(time=0.0, epochs=300))
             assert experiment.describe(experiment._simulation).clock.state == "running"
             await clock.move(0.1, [experiment])  # finds itself elsewhere, and counts from here
             at = epochs(experiment)
             assert 300 <= at <= 301
             await clock.move(1.0, [experiment])
             assert epochs(experiment) == at + 10
-            await experiment.command(lambda sim: sim.inject(toy_fault()))
-            await experiment.rewind(2.0)
+            await experiment.do(commands.Inject(time=experiment.now, fault=toy_fault()))
+            await experiment.do(commands.Rewind(time=experiment.now, to=2.0))
             assert experiment.describe(experiment._simulation).clock.state == "paused"
             clock.time += 5.0
             await asyncio.sleep(0.01)
@@ -100,7 +100,7 @@ def test_given_twenty_experiments_at_their_own_speeds_then_each_flies_what_is_du
         async with laboratory(clock) as registry:
             fleet = [await registry.create(Scenario.model_validate(toy.scenario())) for _ in range(20)]
             for k, experiment in enumerate(fleet):
-                experiment.set_clock("running", 1.0 + k % 4)
+                await experiment.do(Clock(time=0.0, state="running", speed=1.0 + k % 4))
             await clock.settled(fleet)
             for _ in range(8):
                 await clock.move(0.5, fleet)
@@ -118,12 +118,12 @@ def test_given_a_flight_at_full_speed_then_a_command_waits_for_one_slice_at_most
     async def story() -> None:
         async with laboratory(HandClock(tick=0.004)) as registry:
             racer = await registry.create(Scenario.model_validate(toy.scenario(duration=3000.0)))
-            racer.set_clock("running", "max")
+            await racer.do(Clock(time=0.0, state="running", speed="max"))
             for _ in range(20):
                 while epochs(racer) == 0:
                     await asyncio.sleep(0)
                 asked = epochs(racer)
-                done = await racer.command(lambda sim: sim.epoch)
+                done = (await racer.do(commands.Clear(time=0.0))).state.clock.epoch
                 assert asked <= done <= asked + 4, "the slice under way, of three epochs, and the one being flown"
                 await asyncio.sleep(0.002)
             assert not racer._simulation.finished, "it was racing all the time"

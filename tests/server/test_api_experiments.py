@@ -126,19 +126,19 @@ def test_a_fork_shares_the_past_and_has_its_own_future(client: TestClient, fligh
     assert abs(theirs[-1] - ours[-1] - 50.0) < 1e-9  # the same noise
 
 
-def test_a_ghost_is_the_same_flight_without_faults(client: TestClient, flight: Flight) -> None:
+def test_a_fault_free_twin_is_the_same_flight_without_faults(client: TestClient, flight: Flight) -> None:
     flight.do("POST", "/faults", {"channel": "ruler.position.x", "kind": "bias", "magnitude": 50.0})
     flight.do("PATCH", "/settings", {"threshold": 9.0})
     flight.advance(until=4.0)
 
-    ghost = flight.ask("POST", "/ghost").json()
+    twin = flight.ask("POST", "/ghost").json()
 
-    assert (ghost["ghost_of"], ghost["clock"]["time"], ghost["faults"]) == (flight.id, 4.0, [])
-    assert ghost["settings"] == {"threshold": 9.0}
+    assert (twin["ghost_of"], twin["clock"]["time"], twin["faults"]) == (flight.id, 4.0, [])
+    assert twin["settings"] == {"threshold": 9.0}
     name = "fused.error.position.x"
-    haunted = client.get(f"{API}/experiments/{ghost['id']}/series", params={"signals": name}).json()
+    healthy = client.get(f"{API}/experiments/{twin['id']}/series", params={"signals": name}).json()
     broken = flight.get("/series", signals=name)
-    assert all(abs(b - h - 50.0) < 1e-9 for b, h in zip(broken["signals"][name], haunted["signals"][name], strict=True))
+    assert all(abs(b - h - 50.0) < 1e-9 for b, h in zip(broken["signals"][name], healthy["signals"][name], strict=True))
 
 
 def test_a_deleted_experiment_is_gone(client: TestClient, flight: Flight) -> None:

@@ -17,8 +17,8 @@ from pydantic import ValidationError
 from rest_lab import API, Flight
 
 from ftcore import Fault, Scenario, catalogue
+from ftcore.commands import Change, Clear, Switch
 from ftcore.identifiers import ID_PATTERN
-from ftcore.scenario import Change, Clear, Switch
 from server.openapi import TAGS
 
 BENT = [".", "..", "...", "a.b", ".a", "a/b", "/", "../faults", "%2e%2e", "..%2f", "a b", " ", "", "a?b", "a#b", "a;b",

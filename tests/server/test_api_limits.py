@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import json
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
 import toy_system as toy
 from fastapi.testclient import TestClient
+from gate import PATIENCE
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from rest_lab import API, Flight, client_of
 
+from ftcore import commandlog
+from server import bodies
 from server.limits import SMALL_BODY
 from server.problems import MOST_ERRORS
 from server.registry import MOST_FIELDS
@@ -83,3 +91,64 @@ def test_a_login_form_is_small(body: str) -> None:
 def test_a_history_that_is_no_count_is_none(flight: Flight, history: str) -> None:
     with flight.client.websocket_connect(f"{flight.stream}?history={history}") as socket:
         assert socket.receive_json()["type"] == "hello"
+
+
+def test_what_a_flight_hands_back_is_taken_again_however_much_was_done_to_it(
+    flight: Flight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(commandlog, "MAX_COMMANDS", 3)
+    for enabled in (False, True, False):
+        flight.do("PATCH", "/subsystems/ruler", {"enabled": enabled})
+    before = flight.get("/events")
+    refused = flight.ask("PATCH", "/subsystems/ruler", {"enabled": True})
+    assert refused.status_code == 409
+    assert "the command log is full" in refused.json()["detail"]
+    assert flight.get("/events") == before
+    document = flight.get("/scenario")
+    assert len(document["commands"]) == 3
+    again = Flight(flight.client, document)
+    assert again.get()["subsystems"] == flight.get()["subsystems"]
+
+
+LARGE = toy.scenario(commands=[{"action": "clear", "time": 0.0}] * 2000)
+
+
+def test_a_large_document_is_read_while_others_are_served(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, go, parse = threading.Event(), threading.Event(), bodies.parse
+
+    def held(body: bytes) -> Any:
+        begun.set()
+        assert go.wait(PATIENCE)
+        return parse(body)
+
+    monkeypatch.setattr(bodies, "parse", held)
+    with ThreadPoolExecutor(1) as pool:
+        making = pool.submit(sent, client, "POST", f"{API}/experiments", {"scenario": LARGE})
+        assert begun.wait(PATIENCE)
+        assert client.get(f"{API}/health").status_code == 200
+        go.set()
+        made = making.result(PATIENCE)
+    assert made.status_code == 201
+    assert len(client.get(made.headers["location"] + "/scenario").json()["commands"]) == 2000
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+)
+
+
+def outcome(read: Callable[[bytes], Any], body: bytes) -> str:
+    """What was read, or what was wrong where; NaN is itself."""
+    try:
+        return repr(read(body))
+    except json.JSONDecodeError as error:
+        return f"{error.msg} at {error.pos}"
+
+
+@settings(max_examples=25)
+@given(document=JSON, encoding=st.sampled_from(["utf-8", "utf-8-sig", "utf-16"]), spoil=st.integers(0, 40))
+def test_a_large_body_says_what_json_says_it_does(document: Any, encoding: str, spoil: int) -> None:
+    text = json.dumps(document)
+    for written in (text, text[:spoil] + "}" + text[spoil:]):
+        assert outcome(bodies.parse, written.encode(encoding)) == outcome(json.loads, written.encode(encoding))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 import toy_system as toy
 import viser
@@ -290,6 +292,31 @@ def test_the_camera_steps_back_for_what_reaches_far(server: viser.ViserServer) -
     far = view.items | {"line-of-sight": ItemView(vector=(0.0, 0.0, 9.0))}
     scene.show(view.model_copy(update={"items": far}))
     assert (server.initial_camera.position**2).sum() > (near**2).sum() * 4
+
+
+@pytest.mark.parametrize("aspect", [0.8, 1.0, 1.3, 2.0])
+@pytest.mark.parametrize("reach", [1.5, 2.0, 2.5])
+def test_the_whole_sky_is_seen_in_a_picture_of_any_shape(
+    server: viser.ViserServer, aspect: float, reach: float
+) -> None:
+    scene = Scene(server, toy.DESCRIPTION.scene)
+    view = toy.Reporter().view(1.0, None, None, None, frozenset())  # type: ignore[arg-type]
+    scene.show(view.model_copy(update={"items": {"line-of-sight": ItemView(vector=(0.0, 0.0, reach))}}))
+    standing = server.initial_camera
+    camera = SimpleNamespace(aspect=aspect, fov=standing.fov, position=standing.position, look_at=standing.look_at)
+    scene._welcome(SimpleNamespace(camera=camera))
+    elevation, azimuth = np.radians(np.meshgrid(np.arange(5.0, 91.0, 5.0), np.arange(0.0, 360.0, 10.0)))
+    level = reach * np.cos(elevation)
+    sky = np.stack([level * np.sin(azimuth), level * np.cos(azimuth), reach * np.sin(elevation)], axis=-1)
+    ahead = np.array(camera.look_at) - np.array(camera.position)
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    offset = sky - np.array(camera.position)
+    depth, half = offset @ ahead, np.tan(0.5 * camera.fov)
+    assert (depth > 0.0).all()
+    assert (np.abs(offset @ right) <= 1.001 * half * aspect * depth).all()
+    assert (np.abs(offset @ np.cross(right, ahead)) <= 1.001 * half * depth).all()
 
 
 @pytest.mark.parametrize("vector", [(0.0, 0.0, 1.0), (0.0, 0.0, -2.0), (1.0, 2.0, -0.5), (0.0, 0.0, 0.0)])

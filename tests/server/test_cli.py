@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -71,6 +72,7 @@ def short(tmp_path: Path) -> str:
         (["run", "atlantis"], {}, "zhang-1992"),
         (["run", "zhang-1992", "--runs", "0"], {}, "--runs"),
         (["run", "zhang-1992", "--runs", "many"], {}, "--runs"),
+        (["run", "zhang-1992", "--signals", "fused.eror"], {}, "no signal 'fused.eror'; for instance fused."),
         (["run", "zhang-1992", "--seed", "-1"], {}, "seed"),
         (["run", "zhang-1992", "--out", "x.xlsx"], {}, ".parquet"),
         (["run", "zhang-1992", "--out", "/no/such/folder/x.csv"], {}, "folder"),
@@ -193,6 +195,22 @@ def test_a_flight_from_the_command_line_writes_what_it_flew(ftlab: Command, shor
     assert (tmp_path / "out.csv").read_text().startswith('"time","run"')
     assert ftlab("run", short, "--out", str(tmp_path / "out.html"))[0] == 0
     assert "Plotly" in (tmp_path / "out.html").read_text()
+
+
+def test_given_chosen_signals_then_only_they_are_written_and_drawn_and_the_score_is_the_same(
+    ftlab: Command, short: str, tmp_path: Path
+) -> None:
+    chosen = ["--signals", "fused.error.position.up", "--signals", "fused.sigma.position.*"]
+    status, told, _ = ftlab("run", short, *chosen, "--out", str(tmp_path / "out.parquet"))
+    assert status == 0
+    assert told.splitlines()[:-1] == ftlab("run", short)[1].splitlines()
+    columns = pq.read_table(tmp_path / "out.parquet").column_names
+    assert {name.rpartition(".")[0] for name in columns[2:]} == {"fused.error.position", "fused.sigma.position"}
+    assert ftlab("run", short, *chosen, "--out", str(tmp_path / "out.html"))[0] == 0
+    page = (tmp_path / "out.html").read_text()
+    facts = json.loads(re.findall(r'id="data"[^>]*>(.*?)</script>', page, re.DOTALL)[0])
+    drawn = {trace["signal"] for chart in facts["charts"] for trace in chart["traces"]}
+    assert drawn == {"fused.error.position.up"}
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "csv", "html"])

@@ -17,8 +17,9 @@ from websockets.client import ClientProtocol
 from websockets.frames import Frame, Opcode
 from websockets.uri import parse_uri
 
-from server import problems, serving
+from server import lingering, problems, serving
 from server.limits import BodyLimit, Budget, SocketLimit
+from server.lingering import LINGER
 from server.serving import FRAMES_AT_ONCE, HEAD_SECONDS, MeasuredWebSocket, PatientHTTP
 
 
@@ -63,6 +64,7 @@ class Wire:
 
     def __init__(self) -> None:
         self.sent, self.closed, self.paused, self.aborted, self.unread = b"", False, False, False, 0
+        self.ended = False
         self.protocol: Any = None
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
@@ -76,6 +78,12 @@ class Wire:
 
     def abort(self) -> None:
         self.closed = self.aborted = True
+
+    def can_write_eof(self) -> bool:
+        return True
+
+    def write_eof(self) -> None:
+        self.ended = True
 
     def get_write_buffer_size(self) -> int:
         return self.unread
@@ -224,10 +232,10 @@ def test_of_too_many_connections_that_wait_the_longest_is_closed(
 
 @pytest.mark.parametrize(
     ("head", "status"),
-    [(b"NONSENSE\r\n\r\n", 400), (b"GET /" + b"x" * 100_000, 431), (HEAD[:-2] + b"a: " + b"x" * 100_000, 431)],
+    [(b"NONSENSE\r\n\r\n", 400), (b"GET /" + b"x" * 100_000, 414), (HEAD[:-2] + b"a: " + b"x" * 100_000, 431)],
 )
 def test_what_is_no_request_is_told_so_as_a_problem(
-    connect: Callable[..., Connection], head: bytes, status: int
+    connect: Callable[..., Connection], loop: Loop, head: bytes, status: int
 ) -> None:
     connection = connect()
     connection.say(head)
@@ -235,7 +243,46 @@ def test_what_is_no_request_is_told_so_as_a_problem(
     assert answer.startswith(f"HTTP/1.1 {status} ".encode())
     assert b"application/problem+json" in answer
     assert json.loads(body)["status"] == status
+    assert connection.wire.ended
+    loop.wait(LINGER)
     assert connection.wire.closed
+
+
+LONG_HEAD = b"GET /" + b"x" * 400_000 + b" HTTP/1.1\r\nhost: x\r\n\r\n"
+LONG_BODY = b"POST / HTTP/1.1\r\nhost: x\r\ncontent-length: 400000\r\n\r\n" + b"x" * 400_000
+
+
+async def turned_away(scope: Any, receive: Any, send: Any) -> None:
+    """Answers at once and wants no more."""
+    head = [(b"content-length", b"2"), (b"connection", b"close")]
+    await send({"type": "http.response.start", "status": 413, "headers": head})
+    await send({"type": "http.response.body", "body": b"no"})
+
+
+@pytest.mark.parametrize(("request_", "status"), [(LONG_HEAD, 414), (LONG_BODY, 413)])
+def test_a_client_that_is_still_sending_hears_the_answer_before_the_connection_is_closed(
+    connect: Callable[..., Connection], loop: Loop, request_: bytes, status: int
+) -> None:
+    connection = connect(turned_away)
+    for start in range(0, len(request_), 50_000):
+        assert not connection.wire.closed
+        connection.say(request_[start : start + 50_000])
+    assert connection.wire.sent.count(b"HTTP/1.1 ") == 1
+    assert connection.wire.sent.startswith(f"HTTP/1.1 {status} ".encode())
+    assert connection.wire.ended
+    loop.wait(LINGER)
+    assert connection.wire.closed
+
+
+def test_a_client_that_pours_on_after_its_answer_is_hung_up_on(
+    connect: Callable[..., Connection], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lingering, "MOST_UNREAD", 200_000)
+    connection = connect(turned_away)
+    connection.say(LONG_HEAD[:100_000])
+    assert not connection.wire.closed
+    connection.say(b"x" * 200_001)
+    assert connection.wire.aborted
 
 
 # ---- sockets ------------------------------------------------------------------------------------------------------

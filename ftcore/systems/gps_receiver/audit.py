@@ -29,7 +29,7 @@ from ftcore.estimation.first_fix import first_fix
 from ftcore.sensors.rinex import ObservationLog
 from ftcore.systems.base import Flags, Remark
 from ftcore.systems.gps_receiver.forms import Log, Parameters
-from ftcore.systems.gps_receiver.measurements import Pseudoranges, measure
+from ftcore.systems.gps_receiver.satellites import Pseudoranges, measure
 
 Array = NDArray[np.float64]
 

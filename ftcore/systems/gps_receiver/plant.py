@@ -13,9 +13,9 @@ from ftcore.noise import NoiseSource
 from ftcore.readings import Group, Readings
 from ftcore.sensors import rinex, rinex_observation
 from ftcore.sensors.gnss import Clock
+from ftcore.systems.gps_receiver.estimators import Truth
 from ftcore.systems.gps_receiver.forms import Log, Parameters
-from ftcore.systems.gps_receiver.names import EPOCH, PRNS, SATELLITES, SLOTS
-from ftcore.systems.gps_receiver.reporter import Truth
+from ftcore.systems.gps_receiver.satellites import EPOCH, PRNS, SATELLITES, SLOTS
 from ftcore.world import constellation
 
 Array = NDArray[np.float64]

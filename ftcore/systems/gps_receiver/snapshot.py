@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftcore import earth
-from ftcore.detection import raim
+from ftcore.description import Block, BlockView, Chart, Test, Trace, Wire
+from ftcore.detection import chi_square, raim
 from ftcore.detection.raim import Consistency, Isolation
 from ftcore.estimation import least_squares
 from ftcore.estimation.first_fix import first_fix
 from ftcore.estimation.least_squares import Fix
+from ftcore.parts.charts import chart_of_test
+from ftcore.parts.declared import Declared, Signals
+from ftcore.parts.ledger import Ledger
 from ftcore.systems.base import Flags
 from ftcore.systems.gps_receiver import bank as filters
+from ftcore.systems.gps_receiver import satellites
 from ftcore.systems.gps_receiver.bank import Bank
 from ftcore.systems.gps_receiver.forms import Parameters
-from ftcore.systems.gps_receiver.measurements import Measurement, Pseudoranges, measure
+from ftcore.systems.gps_receiver.satellites import Measurement, Pseudoranges, measure
+from ftcore.systems.reporting import Now
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int8]
@@ -28,6 +35,73 @@ FOREIGN = 5e4
 """A level frame whose origin is this far from the working point [m] is laid anew: there it is no longer level."""
 ASTRAY = 1e4
 """A working point that is this far from a first fix [m], and that no test has confirmed, is given up for it."""
+
+
+SETTINGS: Final = ("false_alarm_probability", "wrong_isolation_probability")
+DECLARED: Final = Declared(
+    tests=(
+        Test(
+            name="snapshot",
+            label="snapshot test",
+            subjects=("gps", "gps.{satellite}"),
+            dof="satellites minus 4; a satellite: 1, and it alarms where the test of all names it",
+            source="Chey 2004 (9)-(12)",
+            probability="exact",
+            probability_note="a satellite alarms only where the whole does and names it, at an eighth of the stated "
+            "probability",
+        ),
+        Test(
+            name="parity",
+            label="parity-space test",
+            subjects=("gps",),
+            dof="satellites minus 4",
+            source="Sturza; equal to the snapshot test (Brown 1992)",
+            may_drive=False,
+            probability="exact",
+        ),
+    ),
+    signals=(
+        Signals(
+            "residual.snapshot.{satellite}", "{satellite}: snapshot residual against all others, in sigmas", "1",
+            "residual",
+        ),
+        Signals("residual.threshold", "threshold of one satellite's residual, in sigmas", "1", "residual"),
+        Signals("gps.hdop", "HDOP", "1", "geometry"),
+        Signals("gps.dof", "degrees of freedom of the snapshot", "1", "geometry"),
+    ),
+    charts=(
+        # Who disagrees with all others now: the normalised residuals, whose squares are tested.
+        Chart(
+            id="residual-bars",
+            title="Residuals, in σ",
+            unit="1",
+            group="residuals",
+            kind="bars",
+            traces=(
+                Trace(signal="residual.snapshot.{satellite}", label="{satellite}", item="satellite.{satellite}"),
+                Trace(signal="residual.threshold", label="threshold", role="threshold"),
+            ),
+        ),
+        chart_of_test("snapshot", "Snapshot test", "test.snapshot.gps"),
+        chart_of_test("parity", "Parity-space test", "test.parity.gps"),
+        satellites.chart(
+            "residuals", "Residuals of the satellites, in σ", "1", "residuals", "residual.snapshot.{satellite}"
+        ),
+        Chart(id="hdop", title="HDOP", unit="1", group="geometry", traces=(Trace(signal="gps.hdop", label="HDOP"),)),
+    ),
+    blocks=(
+        Block(
+            id="snapshot-test", label="Snapshot test", kind="test", x=24, y=3, width=25, height=12,
+            settings=SETTINGS,
+        ),
+        Block(id="snapshot", label="Snapshot", kind="computer", x=78, y=3, width=21, height=12),
+    ),
+    wires=(
+        Wire(source="satellites", target="snapshot-test"),
+        Wire(source="snapshot-test", target="snapshot"),
+        Wire(source="snapshot-test", target="combination"),
+    ),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -163,3 +237,42 @@ def advance(snapshot: Snapshot) -> Place:
     step = np.where((trusted & near)[:, None], snapshot.fix.x[:, :3], 0.0)
     moved = place.position_e + np.matvec(place.C_en, step)
     return replace(place, position_e=moved, confirmed=snapshot.everyone.solved & snapshot.sound)
+
+
+def report(say: Ledger, snapshot: Snapshot, columns: NDArray[np.intp], p_fa: float) -> None:
+    """The snapshot's test on both ways, and the residuals of the satellites in these ``columns``.
+
+    A satellite's statistic is its residual against all others; it alarms where the test of all does and names it.
+    """
+    form, verdict, everyone = snapshot.form, snapshot.verdict, snapshot.everyone
+    judged, single = form.dof > 0, chi_square.threshold(p_fa, 1)
+    statistic = np.where(judged, form.statistic, np.nan)
+    say.test("snapshot", "gps", statistic, verdict.threshold, form.dof, verdict.alarm)
+    residual = np.where(judged[:, None], form.normalised, np.nan)
+    named(say, "snapshot", residual, verdict.excluded, columns, single)
+    say.test(
+        "parity",
+        "gps",
+        np.where(judged, snapshot.parity, np.nan),
+        verdict.threshold,
+        form.dof,
+        judged & (snapshot.parity >= verdict.threshold),
+    )
+    say["residual.snapshot.{satellite}", columns] = form.normalised
+    say["residual.threshold"] = np.where(np.isfinite(residual).any(axis=-1), np.sqrt(single), np.nan)
+    say["gps.hdop"] = least_squares.hdop(snapshot.measurement.H, snapshot.fix.valid, everyone.solved)
+    say["gps.dof"] = snapshot.fix.dof
+
+
+def named(
+    say: Ledger, test: str, residual: Array, excluded: Flags, columns: NDArray[np.intp], threshold: float
+) -> None:
+    """A test of each satellite ``(runs, n)`` in these ``columns``: its residual against all others [sigma] squared."""
+    finite = np.isfinite(residual)
+    limit = np.where(finite, threshold, np.nan)
+    say.test(test, "gps.{satellite}", residual**2, limit, finite, excluded, columns)
+
+
+def blocks(now: Now) -> dict[str, BlockView]:
+    """The diagram's block of the snapshot test."""
+    return {"snapshot-test": satellites.verdict(now, "snapshot")}

@@ -13,15 +13,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ftcore.description import Block, BlockView, Channel, Chart, Subsystem, Test, Trace, Wire
+from ftcore.detection import chi_square
 from ftcore.estimation import kalman, unscented
+from ftcore.faults import ALL_KINDS
+from ftcore.parts.declared import Declared, Signals
+from ftcore.parts.ledger import Ledger
 from ftcore.systems.base import Flags
-from ftcore.systems.redundant_imu.forms import MOST_LEAD, Parameters
+from ftcore.systems.redundant_imu import fdi
+from ftcore.systems.redundant_imu.aircraft import EPOCH, HEALTHY
+from ftcore.systems.redundant_imu.forms import MOST_LEAD, Parameters, Settings
+from ftcore.systems.redundant_imu.gyros import INSTRUMENTS
 from ftcore.systems.redundant_imu.model import AIR_STATES, MODELLED, RATES, FlightModel, within
-from ftcore.systems.redundant_imu.names import EPOCH, INSTRUMENTS
+from ftcore.systems.reporting import Now
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,6 +40,66 @@ AXES = 2 * INSTRUMENTS
 RULE = unscented.Rule(redraw=False)
 CLEAR = 5
 """Epochs in a row without a detection after which a doubt is dropped."""
+
+
+AIR: Final = "air"
+AIR_DATA: Final = {
+    "speed": ("Airspeed", "m/s", 10.0),
+    "alpha": ("Angle of attack", "deg", 3.0),
+    "beta": ("Angle of sideslip", "deg", 3.0),
+    "height": ("Height", "m", 30.0),
+}
+"""Quantity -> label, unit, fault worth trying first."""
+DECLARED: Final = Declared(
+    channels=tuple(
+        Channel(
+            name=f"{AIR}.{quantity}.value",
+            label=label,
+            unit=unit,
+            sensor=AIR,
+            group=f"{AIR}.{quantity}",
+            parts=tuple(range(HEALTHY)),
+            kinds=ALL_KINDS,
+            typical=typical,
+        )
+        for quantity, (label, unit, typical) in AIR_DATA.items()
+    ),
+    subsystems=(Subsystem(name=AIR, label="Air data", isolable=False),),
+    tests=(
+        Test(
+            name="ukf",
+            label="UKF residual",
+            subjects=("imu.gyro.{gyro}",),
+            dof="2",
+            source="Kim 2005 (48)-(49)",
+            may_drive=False,
+            reference=("air",),
+            probability="approximate",
+            probability_note="it runs after an alarm only, and its model of the aircraft is wrong by a few per cent: "
+            "not measured",
+        ),
+    ),
+    signals=(
+        Signals("residual.ukf.{axis}", "UKF residual, gyro {axis}", "rad/s", "residual"),
+        Signals("ukf.active", "UKF runs", "1", "decision"),
+        Signals("isolation.open", "somebody is in doubt", "1", "decision"),
+    ),
+    charts=(
+        fdi.chart("ukf", "UKF residuals (figure 7)", "1", "log"),
+        Chart(
+            id="residual-axes",
+            title="UKF residuals by axis",
+            unit="rad/s",
+            group="tests",
+            traces=(Trace(signal="residual.ukf.{axis}", label="gyro {axis}"),),
+        ),
+    ),
+    blocks=(
+        Block(id="air", label="Air data", kind="sensor", x=1, y=41, width=21, height=11, sensor=AIR, subsystem=AIR),
+        Block(id="ukf", label="UKF", kind="filter", x=26, y=41, width=23, height=12, settings=("hybrid", "lead")),
+    ),
+    wires=(Wire(source="air", target="ukf", carries=AIR), Wire(source="ukf", target="supervisor")),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -198,3 +267,51 @@ class AnalyticRedundancy:
             done = kalman.update(predicted.x, predicted.P, y, self._seen, self._R, valid)
             x, P = within(done.x), done.P
         return x, P
+
+    def test(self, episode: Episode, m: Array, left_out: Flags, there: Flags, settings: Settings) -> UkfTest:
+        """The residuals of those whose readings the filter does not take, against their thresholds."""
+        judged = episode.active[:, None] & left_out & there
+        limit: Array = np.full(judged.shape, chi_square.threshold(settings.false_alarm_probability, 2))
+        residual, statistic = np.full(m.shape, np.nan), np.zeros(judged.shape)
+        if episode.active.any():
+            vectors, squares = self.residuals(episode, m)
+            residual = np.where(np.repeat(judged, 2, axis=-1), vectors, np.nan)
+            statistic = np.where(judged, squares, 0.0)
+        alarm = judged & (statistic >= limit)
+        return UkfTest(residual, statistic, limit, np.where(judged, 2.0, 0.0), alarm)
+
+
+@dataclass(frozen=True)
+class UkfTest:
+    """Residuals ``(runs, 6)``, NaN where nobody is judged, and the test on them ``(runs, 3)``, there of dof 0."""
+
+    residual: Array
+    statistic: Array
+    threshold: Array
+    dof: Array
+    alarm: Flags
+
+
+def report(say: Ledger, episode: Episode, ukf: UkfTest) -> None:
+    """The test of those whose readings the filter does not take."""
+    fdi.tell(say, "ukf", "imu.gyro.{gyro}", ukf.statistic, ukf.threshold, ukf.dof, ukf.alarm)
+    say["residual.ukf.{axis}"] = ukf.residual
+    say["ukf.active"], say["isolation.open"] = episode.active, episode.open
+    say.values["left out"] = episode.suspects & episode.active[:, None]
+
+
+def blocks(now: Now) -> dict[str, BlockView]:
+    """The diagram's blocks of air data and UKF."""
+    lost = any(channel.startswith(f"{AIR}.") for channel in now.faulted)
+    on = now.controls.enabled[AIR]
+    air = BlockView(
+        health="off" if not on else "faulted" if lost else "ok",
+        text="off" if not on else "faulted" if lost else "speed, angles, height",
+    )
+    if now.said is None or not now.said["ukf.active"][0]:
+        return {"air": air, "ukf": BlockView(health="off", text="rests" if now.controls.settings.hybrid else "off")}
+    out = np.flatnonzero(now.said.values["left out"][0])
+    tied = now.said["isolation.ambiguous"][0] > 0.0
+    text = "without gyros " + ", ".join(str(k + 1) for k in out) if len(out) else "flies along"
+    ukf = BlockView(health="suspect" if tied else "ok", text="cannot tell" if tied else text)
+    return {"air": air, "ukf": ukf}

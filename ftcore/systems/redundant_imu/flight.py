@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore import units
-from ftcore.systems.redundant_imu.names import EPOCH
+from ftcore.systems.redundant_imu.aircraft import EPOCH
 from ftcore.world import aircraft as f16
 from ftcore.world.aircraft import REGULATED, Aircraft, S, Trim
 

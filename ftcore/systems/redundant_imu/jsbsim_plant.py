@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from ftcore import units
 from ftcore.noise import NoiseSource
 from ftcore.readings import Readings
+from ftcore.systems.redundant_imu.aircraft import AIRCRAFT, EPOCH, Truth
 from ftcore.systems.redundant_imu.flight import Mission, path_angle, trims
 from ftcore.systems.redundant_imu.forms import Parameters
-from ftcore.systems.redundant_imu.names import AIRCRAFT, EPOCH
-from ftcore.systems.redundant_imu.plant import Truth, sense
+from ftcore.systems.redundant_imu.plant import sense
 from ftcore.world.aircraft import REGULATED, C, S, f16, jsbsim_f16, steady_thrust
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.systems.redundant_imu.names import EPOCH
+from ftcore.systems.redundant_imu.aircraft import EPOCH
 from ftcore.world.aircraft import STATES, Aircraft, C, S, midpoint_step, power_command, power_rate
 
 Array = NDArray[np.float64]

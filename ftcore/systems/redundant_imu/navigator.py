@@ -27,15 +27,17 @@ from numpy.typing import NDArray
 
 from ftcore.detection import chi_square, geometry, parity, supervisor
 from ftcore.detection.geometry import Cluster
+from ftcore.parts.ledger import Layout, Ledger
 from ftcore.readings import Readings
 from ftcore.rotation import matrix_to_rpy, rotvec_to_matrix, rpy_to_matrix
 from ftcore.systems.base import Controls, Flags, Notice, Output
-from ftcore.systems.redundant_imu import fdi
-from ftcore.systems.redundant_imu.analytic import CLEAR, AnalyticRedundancy, Episode, Moment
+from ftcore.systems.redundant_imu import aircraft, analytic, decision, fdi
+from ftcore.systems.redundant_imu.aircraft import AIRCRAFT, EPOCH, PROTECTED
+from ftcore.systems.redundant_imu.analytic import AIR, AIR_DATA, CLEAR, AnalyticRedundancy, Episode, Moment
 from ftcore.systems.redundant_imu.forms import Parameters, Settings
+from ftcore.systems.redundant_imu.gyros import GYRO, INSTRUMENTS, SUBJECTS
 from ftcore.systems.redundant_imu.model import ATTITUDE, RATES, FlightModel
-from ftcore.systems.redundant_imu.names import AIR, AIR_DATA, AIRCRAFT, EPOCH, GYRO, INSTRUMENTS, PROTECTED, SUBJECTS
-from ftcore.systems.redundant_imu.reporter import Detail
+from ftcore.systems.reporting import output
 from ftcore.systems.two_axis import unpaired
 
 Array = NDArray[np.float64]
@@ -79,6 +81,7 @@ class Navigator:
         model: what the UKF believes of the aircraft.
         law: commands ``(runs, aircraft, 4)`` at an epoch, for measured states ``(runs, aircraft, 10)``.
         alignment: states ``(runs, aircraft, 13)`` and controls ``(runs, aircraft, 4)`` at the start.
+        layout: of the ledger.
     """
 
     def __init__(
@@ -88,7 +91,9 @@ class Navigator:
         model: FlightModel,
         law: Callable[[int, Array], Array],
         alignment: tuple[Array, Array],
+        layout: Layout,
     ) -> None:
+        self._layout = layout
         self._cluster, self._model, self._law = cluster, model, law
         self._x0, self._u0 = alignment
         self._runs = len(self._x0)
@@ -149,7 +154,7 @@ class Navigator:
         accused = verdict.declared & doubt[:, None] | episode.suspects & episode.open[:, None]
         moment = Moment(state.episode.past[-1].x, power[:, PROTECTED], state.u[:, PROTECTED], y, valid)
         episode = self._analytic.advance(episode, moment, begin, accused, ~inside, settings.lead)
-        ukf = self._ukf_test(episode, mine, episode.suspects | ~inside, there & enabled, settings)
+        ukf = self._analytic.test(episode, mine, episode.suspects | ~inside, there & enabled, settings)
         guilty = ukf.alarm & episode.suspects
         # Who is named must stand out: a filter that a drift has reached blames all suspects alike.
         least = np.where(guilty, ukf.statistic, np.inf).min(axis=-1)
@@ -167,20 +172,20 @@ class Navigator:
         accusation = np.where(episode.open[:, None], guilty & ~clueless[:, None], alone)
         accusation &= verdict.detected[:, None] & inside
         trusted = inside & ~(episode.suspects & episode.open[:, None]) & ~accusation
-        supervision, decision = supervisor.step(
+        supervision, decided = supervisor.step(
             state.supervisor,
             accusation,
             self._admission(episode, mine, trusted, verdict, settings) & there,
             np.broadcast_to(enabled, inside.shape),
             supervisor.Rules(settings.confirm, settings.within, 1, settings.hold_off, isolate_last=False),
         )
-        isolated = decision.health == supervisor.ISOLATED
+        isolated = decided.health == supervisor.ISOLATED
         withheld = episode.suspects & (episode.open & ~(episode.suspects & isolated).any(axis=-1))[:, None]
         unnamed = (helpless | state.told & ~episode.open & verdict.detected)[:, None]
         doubted = withheld | verdict.declared & unnamed
-        health = np.where(doubted & (decision.health == supervisor.HEALTHY), supervisor.SUSPECT, decision.health)
+        health = np.where(doubted & (decided.health == supervisor.HEALTHY), supervisor.SUSPECT, decided.health)
         fitting = there & enabled & ~np.where(helpless[:, None], verdict.spare, verdict.declared)
-        used = np.where(unnamed & there.all(axis=-1, keepdims=True), fitting, decision.use & there & ~withheld)
+        used = np.where(unnamed & there.all(axis=-1, keepdims=True), fitting, decided.use & there & ~withheld)
         solvable = self._cluster.observable[geometry.mask_index(used)]
 
         # Rates, attitude, control.
@@ -208,37 +213,16 @@ class Navigator:
 
         moment = replace(moment, x=x[:, PROTECTED], u=u[:, PROTECTED])
         remembered = self._analytic.settle(episode, verdict.detected, isolated, blind, moment)
-        told = (state.told | (undecided >= settings.within)) & (clear < CLEAR) & ~decision.just_isolated.any(axis=-1)
+        told = (state.told | (undecided >= settings.within)) & (clear < CLEAR) & ~decided.just_isolated.any(axis=-1)
         after = NavigatorState(epoch, C_nb, rates, air, power, u, supervision, remembered, undecided, told, clear)
-        detail = Detail(
-            p=verdict.p,
-            rates=rates,
-            residual=ukf.residual,
-            active=episode.active,
-            open=episode.open,
-            tied=told,
-            suspects=episode.suspects & episode.active[:, None],
-            doubted=doubted,
-            from_model=from_model,
-            used=used,
-            rpy=rpy,
-            u=u,
-        )
-        output = Output(
-            statistic=np.concatenate([verdict.statistic, ukf.statistic], axis=-1),
-            threshold=np.concatenate([verdict.threshold, ukf.threshold], axis=-1),
-            dof=np.concatenate([verdict.dof, ukf.dof], axis=-1),
-            alarm=np.concatenate([verdict.alarm, ukf.alarm], axis=-1),
-            health=health.astype(np.int8),
-            used=used,
-            notices=_notices(
-                begin, episode.active & ~remembered.active, state.told, told, doubted, verdict, episode, settings
-            ),
-            detail=detail,
-            command=command,
-            left_out=unpaired(readings, (GYRO,)),
-        )
-        return after, output
+        say = Ledger(self._layout, self._runs)
+        fdi.report(say, verdict)
+        analytic.report(say, episode, ukf)
+        decision.report(say, health, used, doubted, told, from_model)
+        aircraft.report(say, rates, u)
+        over = episode.active & ~remembered.active
+        events = _notices(begin, over, state.told, told, doubted, verdict, episode, settings)
+        return after, output(say, events, command, unpaired(readings, (GYRO,)))
 
     # ---- parts of an epoch ----------------------------------------------------------------------------------------
 
@@ -265,18 +249,6 @@ class Navigator:
         switched = np.ones((AIRCRAFT, 1), bool)
         switched[: AIRCRAFT - 1] = controls.enabled[AIR]
         return values, np.asarray(valid & switched & np.isfinite(values))
-
-    def _ukf_test(self, episode: Episode, m: Array, left_out: Flags, there: Flags, settings: Settings) -> UkfTest:
-        """The residuals of those whose readings the filter does not take, against their thresholds."""
-        judged = episode.active[:, None] & left_out & there
-        limit: Array = np.full(judged.shape, chi_square.threshold(settings.false_alarm_probability, 2))
-        residual, statistic = np.full(m.shape, np.nan), np.zeros(judged.shape)
-        if episode.active.any():
-            vectors, squares = self._analytic.residuals(episode, m)
-            residual = np.where(np.repeat(judged, 2, axis=-1), vectors, np.nan)
-            statistic = np.where(judged, squares, 0.0)
-        alarm = judged & (statistic >= limit)
-        return UkfTest(residual, statistic, limit, np.where(judged, 2.0, 0.0), alarm)
 
     def _unseen(self, used: Flags, before: Array) -> Array:
         """The part of the rates ``before (runs, 3)`` that the gyros used do not see: held, for want of better."""
@@ -315,17 +287,6 @@ class Navigator:
         return np.asarray(passed | among & enough[:, None])
 
 
-@dataclass(frozen=True)
-class UkfTest:
-    """Residuals ``(runs, 6)``, NaN where nobody is judged, and the test on them ``(runs, 3)``, there of dof 0."""
-
-    residual: Array
-    statistic: Array
-    threshold: Array
-    dof: Array
-    alarm: Flags
-
-
 def _modelled(air: Array, roll_pitch: Array, rates: Array) -> Array:
     """The nine modelled states out of air data, attitude and rates."""
     return np.concatenate([air[..., :3], roll_pitch, rates, air[..., 3:]], axis=-1)
@@ -348,7 +309,8 @@ def _notices(
             "lead": np.full(len(begin), float(settings.lead)),
         }
         notices.append(Notice("filter.started", "ukf", begin, numbers))
-    numbers = {"statistic": verdict.statistic[:, 1], "threshold": verdict.threshold[:, 1], "dof": verdict.dof[:, 1]}
+    rest = verdict.rest
+    numbers = {"statistic": rest.FD, "threshold": rest.threshold, "dof": np.asarray(rest.dof, np.float64)}
     if (told & ~was_told).any():
         suspects = {"suspects": doubted.sum(axis=-1).astype(np.float64)}
         notices.append(Notice("integrity.cannot-isolate", GYRO, told & ~was_told, numbers | suspects))

@@ -8,30 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.noise import NoiseSource
 from ftcore.readings import Group, Readings
+from ftcore.systems.redundant_imu.aircraft import AIRCRAFT, EPOCH, RATES, Truth
 from ftcore.systems.redundant_imu.flight import trims
 from ftcore.systems.redundant_imu.forms import Parameters
-from ftcore.systems.redundant_imu.names import AIRCRAFT, EPOCH
 from ftcore.world.aircraft import S, midpoint_step
 
 Array = NDArray[np.float64]
-RATES = slice(S.P, S.R + 1)
 FASTEST = 15.0
 """Angular rate [rad/s] at which an aircraft has broken up, some three times the fastest roll of an F-16: beyond it the
 tables of the aerodynamics mean nothing, and the equations soon overflow."""
-
-
-@dataclass(frozen=True)
-class Truth:
-    """States ``(runs, 3 aircraft, 13)`` at the end of an epoch."""
-
-    x: Array
 
 
 class Plant:

@@ -99,11 +99,13 @@ class Aiding(Form):
 
     gps: tuple[float, float, float] = Field(
         default=(2.92, 3.06, 2.98),
+        title="GPS",
         description="GPS position noise, 1-sigma",
         json_schema_extra={"unit": "m", "source": PAPER},
     )
     bd2: tuple[float, float, float] = Field(
         default=(2.50, 2.75, 2.78),
+        title="BD2",
         description="BD2 position noise, 1-sigma",
         json_schema_extra={"unit": "m", "source": PAPER},
     )

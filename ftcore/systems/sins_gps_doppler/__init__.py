@@ -6,16 +6,46 @@ from typing import Any
 
 from ftcore.description import Indicator
 from ftcore.noise import NoiseSource
+from ftcore.parts.declared import Declared, describe
+from ftcore.parts.ledger import Layout
 from ftcore.systems.base import Assembly
-from ftcore.systems.sins_gps_doppler.description import description
-from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
-from ftcore.systems.sins_gps_doppler.names import SUBJECTS, TESTS
+from ftcore.systems.sins_gps_doppler import (
+    aid_tests,
+    aids,
+    altimeter,
+    diagram,
+    estimators,
+    inertial,
+    masters,
+    satellites,
+)
+from ftcore.systems.sins_gps_doppler.forms import EPOCH, Parameters, Settings
+
+PARTS = (estimators, aid_tests, satellites, altimeter, inertial, aids, masters, diagram)
+DECLARED = sum((part.DECLARED for part in PARTS), Declared())
+LAYOUT = Layout(DECLARED)
 
 
 class SinsGpsDoppler:
     """See :class:`ftcore.systems.base.System`."""
 
-    description = description()
+    description = describe(
+        DECLARED,
+        id="sins-gps-doppler",
+        title="SINS/GPS/Doppler federated system",
+        summary=(
+            "A strapdown inertial system with a redundant IMU, aided by GPS and Doppler radar through two local "
+            "filters and a fault-tolerant master."
+        ),
+        source="H.G. Zhang and H.Y. Zhang, Fault tolerant scheme for multisensor navigation system, ICAS 1992",
+        epoch=EPOCH,
+        estimators=estimators.ESTIMATORS,
+        shown=("position-up", "velocity-east", "residual-aids", "state-aids", "parity-imu.accelerometer"),
+        settings_schema=Settings.model_json_schema(),
+        parameters_schema=Parameters.model_json_schema(),
+        score_headline=("fused.error.position.up", "unprotected.error.position.up"),
+        score_label="Worst altitude error",
+    )
     Parameters = Parameters
     Settings = Settings
 
@@ -28,11 +58,20 @@ class SinsGpsDoppler:
 
     def assemble(self, parameters: Any, duration: float, runs: range, noise: NoiseSource) -> Assembly:
         """Put the system together for ``duration`` seconds."""
+        from ftcore.parts import navigation
+        from ftcore.systems.reporting import Reporter
         from ftcore.systems.sins_gps_doppler.navigator import Navigator
         from ftcore.systems.sins_gps_doppler.plant import Plant
-        from ftcore.systems.sins_gps_doppler.reporter import Reporter
 
         cluster = Navigator.geometry(parameters)
         plant = Plant(parameters, cluster.H, duration, noise)
-        navigator = Navigator(parameters, cluster, len(runs), plant.alignment(), plant.calibration())
-        return Assembly(plant, navigator, Reporter(cluster), TESTS, SUBJECTS, visible=plant.visible)
+        navigator = Navigator(parameters, cluster, len(runs), plant.alignment(), plant.calibration(), LAYOUT)
+        reporter = Reporter(
+            self.description,
+            LAYOUT,
+            navigation.errors,
+            (diagram.blocks,),
+            (inertial.items, satellites.items),
+            inertial.vectors(cluster),
+        )
+        return Assembly(plant, navigator, reporter, LAYOUT.tests, LAYOUT.subjects, visible=plant.visible)

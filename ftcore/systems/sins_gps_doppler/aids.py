@@ -1,20 +1,116 @@
-"""The aiding sensors of one epoch, as the filters want them: measurement, its matrix and noise, and what is valid."""
+"""GPS and Doppler: what is declared of them, and their readings of one epoch as the filters want them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ftcore.description import Channel, Chart, Subsystem, Trace
+from ftcore.estimation import federated
+from ftcore.estimation.federated import Estimate
 from ftcore.estimation.strapdown import InsState
+from ftcore.faults import ALL_KINDS
+from ftcore.parts.declared import Declared, Signals, channels_of
+from ftcore.parts.ledger import Ledger
 from ftcore.readings import Readings
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_doppler import bank, measurements
 from ftcore.systems.sins_gps_doppler.forms import Aiding
-from ftcore.systems.sins_gps_doppler.names import SLOTS
+from ftcore.world.constellation import almanac
 
 Array = NDArray[np.float64]
+
+AIDS: Final = {"gps": "GPS", "doppler": "Doppler"}
+"""The two aids that are tested against each other and fused."""
+SLOTS: Final = almanac().names
+_RANGES: Final = {"pseudorange": ("pseudorange", "m", 100.0), "delta_range": ("delta pseudorange", "m/s", 2.0)}
+_BODY: Final = {"x": "forward", "y": "right", "z": "down"}
+
+
+def _every(group: str, label: str, unit: str, columns: int, typical: float) -> Channel:
+    """The channel of all columns of a group."""
+    return Channel(
+        name=f"{group}.all",
+        label=label,
+        unit=unit,
+        sensor=group.split(".")[0],
+        group=group,
+        parts=tuple(range(columns)),
+        kinds=ALL_KINDS,
+        typical=typical,
+    )
+
+
+DECLARED: Final = Declared(
+    members={
+        "aid": {name: f"SINS/{label}" for name, label in AIDS.items()},
+        "satellite": {slot: slot for slot in SLOTS},
+        "body": {axis: axis for axis in _BODY},
+    },
+    channels=(
+        *(
+            channel
+            for quantity, (words, unit, typical) in _RANGES.items()
+            for channel in (
+                *channels_of(
+                    f"gps.{quantity}", f"GPS {words} {{}}", {slot: slot for slot in SLOTS},
+                    sensor="gps", unit=unit, kinds=ALL_KINDS, typical=typical,
+                ),
+                _every(f"gps.{quantity}", f"GPS {words}, all satellites", unit, len(SLOTS), typical),
+            )
+        ),
+        *channels_of(
+            "doppler.velocity", "Doppler velocity {}", _BODY, sensor="doppler", unit="m/s", kinds=ALL_KINDS, typical=2.0
+        ),
+        _every("doppler.velocity", "Doppler velocity, all axes", "m/s", 3, 2.0),
+    ),
+    subsystems=(Subsystem(name="gps", label="GPS"), Subsystem(name="doppler", label="Doppler")),
+    subjects={"{aid}": "{aid}"},
+    signals=(
+        Signals("used.{aid}", "{aid} used", "1", "decision"),
+        Signals("reading.doppler.{body}", "Doppler {body}: reading", "m/s", "output"),
+        Signals("estimate.doppler.{body}", "Doppler {body}: estimated output", "m/s", "output"),
+        Signals(
+            "discrepancy.gps.{satellite}", "pseudorange {satellite}: reading minus estimated output", "m", "output"
+        ),
+        Signals("gps.satellites", "satellites in use", "1", "geometry"),
+        Signals("gps.excluded", "satellites left out", "1", "geometry"),
+        Signals("gps.hdop", "HDOP", "1", "geometry"),
+    ),
+    charts=(
+        Chart(
+            id="doppler-output",
+            title="Doppler forward velocity: reading and estimate",
+            unit="m/s",
+            group="outputs",
+            traces=(
+                Trace(signal="estimate.doppler.x", label="estimated output", role="protected"),
+                Trace(signal="reading.doppler.x", label="reading", role="local"),
+            ),
+        ),
+        Chart(
+            id="gps-discrepancy",
+            title="Pseudoranges: reading minus estimated output",
+            unit="m",
+            group="outputs",
+            traces=(Trace(signal="discrepancy.gps.{satellite}", label="{satellite}"),),
+        ),
+        Chart(
+            id="geometry",
+            title="Satellites in use and left out, and HDOP",
+            unit="1",
+            group="outputs",
+            traces=(
+                Trace(signal="gps.satellites", label="satellites in use"),
+                Trace(signal="gps.excluded", label="satellites left out"),
+                Trace(signal="gps.hdop", label="HDOP"),
+            ),
+        ),
+    ),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -81,6 +177,21 @@ def doppler(a: Aiding, ins: InsState, readings: Readings, runs: int, enabled: bo
     measurement = measurements.doppler(ins, np.repeat(values, 2, axis=0))
     R = np.full((1, 1, 3), a.doppler**2)
     return Aid(measurement.y.reshape(runs, 2, 3), measurement.H.reshape(runs, 2, 3, -1), R, valid, valid, np.arange(3))
+
+
+def report(say: Ledger, gps: Aid, doppler: Aid, readings: Readings, fused: Estimate) -> None:
+    """Readings beside what the fused estimate says of them, and the satellites."""
+    n = len(gps.columns) // 2
+    there, taken = gps.present[:, :n], gps.valid[:, :n]
+    residual = gps.y[:, 0, :n] - np.matvec(gps.H[:, 0, :n], fused.x)
+    say["discrepancy.gps.{satellite}", gps.columns[:n]] = np.where(there, residual, np.nan)
+    say["gps.satellites"] = taken.sum(axis=-1)
+    say["gps.excluded"] = (there & ~taken).sum(axis=-1)
+    say["gps.hdop"] = hdop(gps)
+    reading = np.where(doppler.present, readings["doppler.velocity"].values, np.nan)
+    output, _ = federated.failed_output(fused, doppler.H[:, 0])
+    say["reading.doppler.{body}"] = reading
+    say["estimate.doppler.{body}"] = doppler.y[:, 0] + np.nan_to_num(reading) - output
 
 
 def hdop(aid: Aid) -> Array:

@@ -25,19 +25,65 @@ Source: FTLab's own; the altimeter's error model is Zhang 1992's.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ftcore.description import Channel, Chart, Subsystem, Test, Trace
 from ftcore.detection import chi_square, supervisor
 from ftcore.estimation.federated import Estimate
 from ftcore.estimation.ins_error import ALTIMETER_BIAS, ALTIMETER_SCALE
+from ftcore.faults import ALL_KINDS
+from ftcore.parts.charts import chart_of_test
+from ftcore.parts.declared import Declared, Signals
+from ftcore.parts.ledger import Ledger
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_doppler.forms import Settings
 from ftcore.systems.sins_gps_doppler.strapdowns import Damping
 
 Array = NDArray[np.float64]
 
+DECLARED: Final = Declared(
+    channels=(
+        Channel(
+            name="altimeter.height.up",
+            label="Altimeter height",
+            unit="m",
+            sensor="altimeter",
+            group="altimeter.height",
+            parts=(0,),
+            kinds=ALL_KINDS,
+            typical=100.0,
+        ),
+    ),
+    subsystems=(Subsystem(name="altimeter", label="Altimeter"),),
+    subjects={"altimeter": "altimeter"},
+    signals=(
+        Signals("used.altimeter", "altimeter used", "1", "decision"),
+        Signals("discrepancy.altimeter", "altimeter: reading minus its prediction", "m", "output"),
+    ),
+    tests=(
+        Test(
+            name="altimeter",
+            label="altimeter test",
+            subjects=("altimeter",),
+            dof="1",
+            source="FTLab: innovation before it damps the strapdown",
+            probability="exact",
+        ),
+    ),
+    charts=(
+        chart_of_test("altimeter-altimeter", "Altimeter test, altimeter", "test.altimeter.altimeter"),
+        Chart(
+            id="altimeter-discrepancy",
+            title="Altimeter: reading minus its prediction",
+            unit="m",
+            group="outputs",
+            traces=(Trace(signal="discrepancy.altimeter", label="altimeter"),),
+        ),
+    ),
+)
 STEADY = 40
 """Epochs for which an isolated altimeter has to differ by a constant before that is taken for its bias."""
 P_STEADY = 1e-3
@@ -171,3 +217,14 @@ def _since_onset(lately: Array) -> NDArray[np.int64]:
     count = np.cumsum(~np.isnan(newest_first), axis=-1)
     ratio = np.square(np.cumsum(np.nan_to_num(newest_first), axis=-1)) / np.maximum(count, 1)
     return np.asarray(ratio.argmax(axis=-1))
+
+
+def report(say: Ledger, epoch: AltimeterEpoch, present: Flags) -> None:
+    """The test, the decision, and what the reading says; ``present (runs,)``: there is one."""
+    tested = epoch.dof[:, 0] > 0
+    statistic, threshold = (np.where(tested, v[:, 0], np.nan) for v in (epoch.statistic, epoch.threshold))
+    say.test("altimeter", "altimeter", statistic, threshold, epoch.dof[:, 0], epoch.alarm[:, 0])
+    used = epoch.used & present
+    say.judge("altimeter", epoch.decision.health[:, 0], used)
+    say["used.altimeter"] = used
+    say["discrepancy.altimeter"] = -epoch.innovation

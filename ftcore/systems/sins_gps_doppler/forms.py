@@ -19,6 +19,9 @@ from ftcore.world.trajectory import Segment, Straight
 DRIVERS = ("residual", "state", "two-propagator", "glr", "cusum")
 Driver = Literal["residual", "state", "two-propagator", "glr", "cusum", "none"]
 
+EPOCH = 1.0
+"""Seconds between epochs."""
+
 
 class Flight(Form):
     """Where it starts and how it flies."""

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from ftcore.detection import chi_square
 from ftcore.estimation import federated
 from ftcore.systems.base import Flags
-from ftcore.systems.sins_gps_doppler import aids, bank, filtering, strapdowns
+from ftcore.systems.sins_gps_doppler import aids, bank, filtering, overruled, strapdowns
 from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, Filters
 from ftcore.systems.sins_gps_doppler.forms import Aiding
 from ftcore.systems.sins_gps_doppler.history import GAP, Culprits, Epoch, History, culprits_of_runs, of_runs, with_runs
@@ -60,6 +60,7 @@ def review(
     altimeter: tuple[Flags, Ints],
     a: Aiding,
     variance: float,
+    biases: Array,
 ) -> tuple[History, Filters, Culprits | None]:
     """After an epoch: fly it again from before the onset where somebody was named who did harm meanwhile.
 
@@ -68,6 +69,7 @@ def review(
         isolated, satellites: ``(runs, 2)`` of GPS and Doppler, and ``(runs, satellites)``, isolated just now.
         altimeter: ``(runs,)`` isolated just now, and epochs since the onset.
         a, variance: the aids' noise, and the altimeter's variance [m^2].
+        biases: of :func:`overruled.reopen`.
     """
     settings = history.epochs[-1].settings
     watched = settings.driving_test != "none"
@@ -87,7 +89,7 @@ def review(
         return history, filters, None
     oldest = history.banks[0][0] + 1
     culprits = replace(culprits, since=np.clip(culprits.since, oldest, history.now))
-    history, filters = fly_again(history, filters, culprits, a, variance)
+    history, filters = fly_again(history, filters, culprits, a, variance, biases)
     history = replace(
         history,
         since=np.where(culprits.aids, history.now + 1, history.since),
@@ -97,12 +99,12 @@ def review(
 
 
 def fly_again(
-    history: History, filters: Filters, culprits: Culprits, a: Aiding, variance: float
+    history: History, filters: Filters, culprits: Culprits, a: Aiding, variance: float, biases: Array
 ) -> tuple[History, Filters]:
     """The bank as it would be without the culprits since their onset, in the runs where there are any.
 
-    ``filters``: after the last epoch; ``variance`` of the altimeter's noise [m^2]. The past that is kept is corrected
-    as well, so a later return to it does not bring the culprit back.
+    ``filters``: after the last epoch; ``variance`` of the altimeter's noise [m^2]; ``biases`` as in `review`. The past
+    that is kept is corrected as well, so a later return to it does not bring the culprit back.
     """
     first = history.banks[0][0]
     since = np.clip(culprits.since, first + 1, history.now)
@@ -117,7 +119,7 @@ def fly_again(
         for number in range(banks[origin][0] + 1, history.now + 1):
             i = number - first - 1
             amended = _amended(of_runs(epochs[i], who), some, number)
-            flown = _again(flown, amended, a, variance)
+            flown = _again(flown, amended, a, variance, biases)
             if number >= some.since.min():
                 epochs[i] = with_runs(epochs[i], amended, who)
             if then < len(banks) and banks[then][0] == number:
@@ -176,12 +178,13 @@ def _harmful(history: History, culprits: Culprits) -> Culprits:
 # ---- one epoch again ------------------------------------------------------------------------------------------------
 
 
-def _again(filters: Filters, e: Epoch, a: Aiding, variance: float) -> Filters:
+def _again(filters: Filters, e: Epoch, a: Aiding, variance: float, biases: Array) -> Filters:
     """The steps of an epoch in the order of the navigator's, with what is decided already."""
     Phi, Q = strapdowns.matrices(e.motion, a)
     filters = bank.predict(filters, Phi, Q, e.sharing, e.members)
     factors = federated.noise_factors(e.sharing, e.members)
     filters = filtering.bias_jump(filters, e.changed, e.jump, factors)
+    filters = overruled.reopen(filters, e.opening, biases, factors)
     filters = bank.reopen_bias(filters, e.opened, e.shift, factors)
     filters = bank.damp(filters, e.damping, variance, factors, e.wrong[:, 2])
     gps, _ = aids.gps(a, e.ins, e.readings, len(filters.x), e.enabled[0])

@@ -23,7 +23,6 @@ from ftcore.systems.sins_gps_doppler.bank import Filters
 from ftcore.systems.sins_gps_doppler.filtering import Turns
 from ftcore.systems.sins_gps_doppler.forms import Settings
 from ftcore.systems.sins_gps_doppler.masters import Verdict
-from ftcore.systems.sins_gps_doppler.names import AID_TESTS
 from ftcore.systems.sins_gps_doppler.strapdowns import Damping, Motion
 
 Array = NDArray[np.float64]
@@ -49,6 +48,7 @@ class Epoch:
         settings, sharing, enabled: as they were; ``enabled`` of GPS and Doppler.
         motion, damping, ins: of the strapdowns; ``ins (2 runs,)`` at the end of the epoch.
         changed, jump: where the redundant IMU changed ``(runs,)``, and by how much ``(runs, 2, 3, 3)``.
+        opening: ``(runs,)`` by which the filters were opened; see :mod:`.overruled`.
         opened, shift: of the altimeter's bias ``(runs,)``; see :func:`bank.reopen_bias`.
         readings: of GPS and Doppler.
         members: ``(runs, 2)`` that shared the process noise.
@@ -65,6 +65,7 @@ class Epoch:
     ins: InsState
     changed: Flags
     jump: Array
+    opening: Array
     opened: Array
     shift: Array
     readings: Readings
@@ -165,11 +166,10 @@ def remember(
     while len(banks) > 1 and banks[1][0] <= now - SPAN:
         epochs = epochs[banks[1][0] - banks[0][0] :]
         banks = banks[1:]
-    alarm = tests.alarm.reshape(len(sums), len(AID_TESTS), 2)
-    by_ratio, by_sum = alarm[:, AID_TESTS.index("glr")], alarm[:, AID_TESTS.index("cusum")]
+    by_ratio, by_sum = tests.found["glr"].alarm, tests.found["cusum"].alarm
     onset = np.where(by_ratio, now - tests.age, now)
     onset = np.where(by_sum, np.minimum(onset, history.rest + 1), onset)
-    doubt = by_ratio | by_sum | alarm[:, AID_TESTS.index("residual")] | driving
+    doubt = by_ratio | by_sum | tests.found["residual"].alarm | driving
     series = now - history.doubted <= GAP
     since = np.where(doubt, np.where(series, np.minimum(history.since, onset), onset), history.since)
     taken = decided.use & decided.present
@@ -218,6 +218,7 @@ def of_runs(e: Epoch, who: Ints) -> Epoch:
         ins=InsState(e.ins.lla[twice], e.ins.v_n[twice], e.ins.C_nb[twice]),
         changed=e.changed[who],
         jump=e.jump[who],
+        opening=e.opening[who],
         opened=e.opened[who],
         shift=e.shift[who],
         readings=Readings(r.time, {name: group(read) for name, read in r.groups.items()}, r.aiding),

@@ -14,6 +14,9 @@ are watched by it, and if they disagree that is said, confirmed by the superviso
 told, both explain it alike, so nobody is accused and both go on: two are the least that can be solved. If the one that
 is out has recovered, all three tell: without the new culprit they would agree. Then it comes back, and the other goes.
 
+While the instruments in use contradict each other, and nobody can be named, their noise is believed as large as the
+parity vector says (:mod:`ftcore.detection.contradiction`): the filters open up, and the aids are listened to.
+
 With readings of fewer than two instruments a direction is not measured: there the last value is held, and the noise
 covariance grows by what that may miss (`HELD`).
 """
@@ -21,14 +24,16 @@ covariance grows by what that may miss (`HELD`).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.detection import parity, parity_calibration, supervisor
+from ftcore.detection import contradiction, parity, parity_calibration, supervisor
 from ftcore.detection.geometry import Cluster, mask_index
+from ftcore.detection.parity import Isolation, Sight
 from ftcore.earth import STANDARD_GRAVITY
 from ftcore.readings import Group
 from ftcore.systems.base import Flags
@@ -54,6 +59,7 @@ class ImuState:
         supervisor: supervisor of the six instruments.
         used: instruments used in the epoch before ``(runs, 2, 3)``.
         body: mean body rates [rad/s] and forces [m/s^2] of that epoch, protected and unprotected ``(runs, 2, 2, 3)``.
+        series: epochs for which the instruments in use have contradicted each other ``(runs, 2)``.
         learned: what was learned of the clusters' errors, rows are runs times clusters; None where there is nothing to
             learn in flight.
     """
@@ -62,6 +68,7 @@ class ImuState:
     supervisor: supervisor.State
     used: Flags
     body: Array
+    series: NDArray[np.int64]
     learned: parity_calibration.State | None
 
 
@@ -83,9 +90,11 @@ class ImuEpoch:
         omega_b, f_b: ``(runs, 2, samples, 3)``: protected (trusted instruments) and unprotected (all there are).
         parity: ``(runs, 2, 3)`` calibrated parity vectors.
         statistic, threshold, dof, alarm: ``(runs, 16)`` in the order of the description's IMU tests.
+        sight, found: what parity space saw, and what each test says; rows are runs times clusters.
         rest: the test of those that are trusted while another one is out.
         decision: of the supervisor on ``(runs, 6)`` instruments.
         undecided: of the supervisor on ``(runs, 2)`` clusters; isolated means that the rest disagrees for certain.
+        series: ``(runs, 2)`` epochs for which those in use have contradicted each other for certain.
         used: ``(runs, 2, 3)`` instruments in the protected solution.
         changed: ``(runs,)`` the protected solution's instruments changed.
         bias_change: ``(runs, 2, 3, 3)`` covariance of the jump of the body biases that a change brings.
@@ -99,9 +108,12 @@ class ImuEpoch:
     threshold: Array
     dof: Array
     alarm: Flags
+    sight: Sight
+    found: Mapping[str, Isolation]
     rest: Rest
     decision: supervisor.Decision
     undecided: supervisor.Decision
+    series: NDArray[np.int64]
     used: Flags
     changed: Flags
     bias_change: Array
@@ -132,6 +144,7 @@ class RedundantImu:
         scale: float = 0.0,
     ) -> None:
         self._cluster = cluster
+        self._epoch = epoch
         self._density = density
         # In units of its own noise a gyro is an accelerometer: one reference serves both, stacked along the runs.
         # Without noise to speak of, what is left of the other errors takes its place.
@@ -155,6 +168,7 @@ class RedundantImu:
             supervisor.start(runs, CLUSTERS * INSTRUMENTS),
             np.ones((runs, CLUSTERS, INSTRUMENTS), bool),
             np.zeros((runs, 2, CLUSTERS, 3)),
+            np.zeros((runs, CLUSTERS), np.int64),
             self._learned,
         )
 
@@ -190,10 +204,14 @@ class RedundantImu:
         trusted = present & ~out
         complete = trusted.all(axis=-1)
         rest, alarm = _rest(sight, readings, trusted, complete)
-        rest_supervision, undecided = supervisor.step(state.rest, alarm, ~alarm, EVERY_CLUSTER, rules)
         driving = np.zeros((runs, CLUSTERS, INSTRUMENTS), bool)
         if settings.imu_driving_test != "none":
             driving = found[settings.imu_driving_test].alarm.reshape(runs, CLUSTERS, INSTRUMENTS)
+        unnamed = alarm
+        if settings.imu_driving_test != "none":
+            nobody = contradiction.contradictory(sight).reshape(runs, CLUSTERS) & ~driving.any(axis=-1)
+            unnamed = alarm | complete & nobody
+        rest_supervision, undecided = supervisor.step(state.rest, unnamed, ~unnamed, EVERY_CLUSTER, rules)
         # Two instruments are the least that can be solved: while one is out, nobody else can be put out.
         driving = driving & (out | complete[..., None])
         # A long hold-off shall not keep out who is sound: it passes all of it with a probability of 90 % at least.
@@ -221,6 +239,16 @@ class RedundantImu:
             unseen = np.where(blind[..., None, None], np.eye(3) - cluster.gains[both] @ cluster.H, 0.0)
             body = body + np.matvec(unseen, state.body)[..., None, :]
             noise = noise + unseen * np.square(HELD)[:, None, None]
+        series = state.series
+        if settings.imu_driving_test != "none":
+            among = sight
+            if not used.all():
+                among = parity.look(reference, readings, p_fa, used.reshape(-1, INSTRUMENTS))
+            more, series = contradiction.extra_variance(among, series.ravel())
+            series = series.reshape(runs, CLUSTERS)
+            if more.any():
+                more = more.reshape(runs, CLUSTERS) * np.square(self._unit) * self._epoch
+                noise[:, 0] += more[..., None, None] * cluster.covariances[now]
         change = (cluster.gains[now] - cluster.gains[before]) @ cluster.V.T
         learned = state.learned
         if learned is None or expected is None:
@@ -238,15 +266,18 @@ class RedundantImu:
             threshold=columns(sight.threshold, "threshold"),
             dof=columns(sight.dof, "dof"),
             alarm=columns(sight.alarm, "alarm"),
+            sight=sight,
+            found=found,
             rest=rest,
             decision=decision,
             undecided=undecided,
+            series=series,
             used=used,
             changed=np.asarray((now != before).any(axis=-1)),
             bias_change=change @ spread @ change.swapaxes(-1, -2) * np.square(self._unit)[:, None, None],
             noise=noise,
         )
-        return ImuState(rest_supervision, supervision, used, body.mean(axis=-2), learned), epoch
+        return ImuState(rest_supervision, supervision, used, body.mean(axis=-2), series, learned), epoch
 
 
 def _rest(sight: parity.Sight, readings: Array, trusted: Flags, complete: Flags) -> tuple[Rest, Flags]:

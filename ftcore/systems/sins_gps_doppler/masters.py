@@ -14,23 +14,42 @@ cumulative sum have no q on the aid's degrees of freedom; with them, and with no
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ftcore.description import Chart, Trace
 from ftcore.detection import chi_square, propagators, supervisor
 from ftcore.estimation import federated, imm, tolerant_fusion
 from ftcore.estimation.federated import Bank, Estimate, Sharing
 from ftcore.estimation.tolerant_fusion import Layout
+from ftcore.parts.declared import Declared, Signals
+from ftcore.parts.ledger import Ledger
 from ftcore.systems.base import Flags
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult
-from ftcore.systems.sins_gps_doppler.aids import Aid
+from ftcore.systems.sins_gps_doppler.aids import AIDS, Aid
 from ftcore.systems.sins_gps_doppler.bank import ALONE, FUSED, LOCAL, Filters
 from ftcore.systems.sins_gps_doppler.forms import Settings
-from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS
 
 Array = NDArray[np.float64]
 
+SUBSETS: Final = {"sins": "SINS alone", "gps": "with GPS", "doppler": "with Doppler", "gps+doppler": "with both"}
+"""Subsets of the aids, in the order of :func:`ftcore.estimation.tolerant_fusion.subset_weights`."""
+DECLARED: Final = Declared(
+    members={"subset": SUBSETS},
+    signals=(Signals("weight.{subset}", "weight of the estimate, {subset}", "1", "weight"),),
+    charts=(
+        Chart(
+            id="weights",
+            title="Weights of the aids in the fused estimate",
+            unit="1",
+            group="weights",
+            stacked=True,
+            traces=(Trace(signal="weight.{subset}", label="{subset}", role="weight"),),
+        ),
+    ),
+)
 _WITH_Q = ("residual", "state", "two-propagator")
 
 
@@ -69,9 +88,9 @@ def verdict(settings: Settings, decision: supervisor.Decision, present: Flags, t
     """The supervisor's decision, with what the driving test says of this epoch."""
     q, reject, dof = np.zeros(present.shape), np.zeros(present.shape), np.zeros(present.shape, np.int64)
     if settings.driving_test in _WITH_Q:
-        driver = AID_TESTS.index(settings.driving_test)
-        two = slice(2 * driver, 2 * driver + 2)
-        q, reject, dof = tests.statistic[:, two], tests.threshold[:, two], tests.dof[:, two].astype(np.int64)
+        driver = tests.found[settings.driving_test]
+        q, reject = np.nan_to_num(driver.statistic), np.nan_to_num(driver.threshold)
+        dof = driver.dof.astype(np.int64)
     return Verdict(decision.use, decision.suspect, decision.just_readmitted, present, q, reject, dof)
 
 
@@ -121,3 +140,8 @@ def _tolerant(settings: Settings, prior: Estimate, aids: tuple[Aid, Aid], decide
     mixture = imm.start(prior.x, prior.P, np.ones(1))
     fusion = tolerant_fusion.fuse(tolerant_fusion.subset_updates(mixture, y, H, R, layout, valid), beta, decided.q)
     return Estimate(fusion.x, fusion.P), fusion.alpha
+
+
+def report(say: Ledger, made: Fused) -> None:
+    """How much each subset of the aids weighs."""
+    say["weight.{subset}"] = made.weights

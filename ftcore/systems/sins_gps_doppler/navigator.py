@@ -22,31 +22,35 @@ from ftcore.detection.geometry import Cluster, three_two_dof
 from ftcore.estimation import federated, ins_error, kalman
 from ftcore.estimation.federated import Sharing
 from ftcore.estimation.strapdown import InsState, damping_gains
+from ftcore.parts import navigation
+from ftcore.parts.ledger import Layout, Ledger
 from ftcore.readings import Readings
 from ftcore.systems.base import Controls, Flags, Output
+from ftcore.systems.reporting import output
 from ftcore.systems.sins_gps_doppler import (
+    aid_tests,
     aids,
     altimeter,
     bank,
     filtering,
     hindsight,
     history,
+    inertial,
     masters,
     notices,
+    overruled,
     satellites,
     strapdowns,
 )
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTests, AidTestState
-from ftcore.systems.sins_gps_doppler.aids import Aid
+from ftcore.systems.sins_gps_doppler.aids import AIDS
 from ftcore.systems.sins_gps_doppler.altimeter import AltimeterState
 from ftcore.systems.sins_gps_doppler.bank import ALONE, CENTRAL, FUSED, REFERENCE, WITNESS, Filters
+from ftcore.systems.sins_gps_doppler.estimators import CORRECTS
 from ftcore.systems.sins_gps_doppler.filtering import Turns
-from ftcore.systems.sins_gps_doppler.forms import Parameters, Settings
+from ftcore.systems.sins_gps_doppler.forms import EPOCH, Parameters, Settings
 from ftcore.systems.sins_gps_doppler.history import History
-from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
-from ftcore.systems.sins_gps_doppler.masters import Fused
-from ftcore.systems.sins_gps_doppler.names import AID_TESTS, AIDS, EPOCH, SLOTS
-from ftcore.systems.sins_gps_doppler.reporter import Detail
+from ftcore.systems.sins_gps_doppler.imu import ImuState, RedundantImu
 from ftcore.systems.sins_gps_doppler.satellites import SatelliteState
 from ftcore.systems.two_axis import unpaired
 
@@ -78,6 +82,7 @@ class NavigatorState:
     master: str
     sound: NDArray[np.int64]
     history: History
+    overruled: overruled.State
 
 
 class Navigator:
@@ -90,7 +95,9 @@ class Navigator:
         runs: int,
         alignment: InsState,
         calibration: tuple[Array, Array],
+        layout: Layout,
     ) -> None:
+        self._layout = layout
         self._p = p
         self._runs = runs
         self._alignment = alignment
@@ -101,6 +108,8 @@ class Navigator:
         bias = np.array([units.to_si(i.gyro_bias, "deg/h"), units.to_si(i.accelerometer_bias, "ug")])
         self._imu = RedundantImu(cluster, density, bias, np.stack(calibration, axis=1), i.calibration, EPOCH)
         self._P0 = _initial_covariance(p, cluster, bias)
+        self._biases = np.zeros_like(self._P0)
+        self._biases[9:15, 9:15] = self._P0[9:15, 9:15]
         self._gains = damping_gains(a.vertical_damping, p.flight.height)
         # A noise that is set to nothing would leave the witness nothing to weigh readings by.
         self._altimeter_variance = max(a.altimeter_noise, LEAST_NOISE) ** 2
@@ -131,6 +140,7 @@ class Navigator:
             master=controls.settings.master,
             sound=np.zeros(self._runs, np.int64),
             history=history.start(self._runs),
+            overruled=overruled.start(self._runs),
         )
 
     def step(self, state: NavigatorState, readings: Readings, controls: Controls) -> tuple[NavigatorState, Output]:
@@ -153,6 +163,8 @@ class Navigator:
         filters = bank.predict(filters, Phi, Q, sharing, state.members)
         factors = federated.noise_factors(sharing, state.members)
         filters = filtering.bias_jump(filters, imu.changed, imu.bias_change, factors)
+        opening = state.overruled.opening
+        filters = overruled.reopen(filters, opening, self._biases, factors)
 
         damping = strapdowns.altimeter(ins, readings, controls.enabled["altimeter"])
         altimeter_state, judged = altimeter.judge(
@@ -191,7 +203,7 @@ class Navigator:
         )
         driving = np.zeros((runs, 2), bool)
         if settings.driving_test != "none":
-            driving = tests.alarm.reshape(runs, len(AID_TESTS), 2)[:, AID_TESTS.index(settings.driving_test)]
+            driving = tests.found[settings.driving_test].alarm
         enabled = np.array([[controls.enabled["gps"], controls.enabled["doppler"]]])
         has_reading = np.stack([np.broadcast_to(u.dof[:, 0] > 0, (runs,)) for u in updates], axis=-1)
         admission = np.stack([p.statistic[:, 0] for p in predictions], axis=-1)
@@ -200,13 +212,14 @@ class Navigator:
             np.stack([np.broadcast_to(p.dof[:, 0], (runs,)) for p in predictions], axis=-1),
         )
         supervision, decision = supervisor.step(
-            state.supervisor, driving, (admission <= limit) & has_reading, enabled, rules
+            overruled.taken_back(state.supervisor, opening), driving, (admission <= limit) & has_reading, enabled, rules
         )
 
         back = decision.just_readmitted
         decided = masters.verdict(settings, decision, has_reading, tests)
         feeding = decided.use & has_reading
         sound, turns = _turns(state.sound, decision, feeding, settings.propagator_period)
+        prior = filters
         filters, made = filtering.conclude(settings, sharing, filters, updated, (gps, doppler), decided, turns)
         past = history.remember(
             past,
@@ -219,6 +232,7 @@ class Navigator:
                 ins,
                 imu.changed,
                 imu.bias_change,
+                opening,
                 judged.opened,
                 judged.shift,
                 history.light(readings),
@@ -241,6 +255,7 @@ class Navigator:
             (judged.decision.just_isolated[:, 0], judged.age),
             self._p.aiding,
             self._altimeter_variance,
+            self._biases,
         )
         # A filter that was flown again has another past than what its tests remember.
         renewed = back if culprits is None else back | culprits.renewed
@@ -260,82 +275,29 @@ class Navigator:
             settings.master,
             sound,
             past,
+            overruled.judge(state.overruled, prior, (gps, doppler), has_reading, decision.isolated, imu),
         )
-        detail = self._detail(readings, ins, filters, made, imu, gps, doppler, lines, judged.innovation)
-        by_part = (tests, imu, imu.rest, integrity, judged)  # in the order of the description's tests
-        statistic, threshold, dof, alarm = (
-            np.concatenate([getattr(part, field) for part in by_part], axis=-1)
-            for field in ("statistic", "threshold", "dof", "alarm")
-        )
-        tested = dof > 0  # a test without a reading has no statistic: a gap, not a zero
-        output = Output(
-            statistic=np.where(tested, statistic, np.nan),
-            threshold=np.where(tested, threshold, np.nan),
-            dof=dof,
-            alarm=alarm,
-            health=np.concatenate(
-                [decision.health, judged.decision.health, imu.decision.health, integrity.health], axis=-1
-            ).astype(np.int8),
-            used=np.concatenate(
-                [
-                    feeding,
-                    (judged.used & damping.present)[:, None],
-                    imu.used.reshape(runs, -1),
-                    integrity.used & feeding[:, :1],
-                ],
-                axis=-1,
-            ),
-            notices=[
-                *integrity.notices,
-                *notices.of_aids(decision, tests),
-                *notices.of_imu(imu),
-                *notices.of_altimeter(judged),
-                *notices.flown_again(past, culprits),
-            ],
-            detail=detail,
-            left_out=unpaired(readings, ("imu.gyro", "imu.accelerometer")),
-        )
-        return after, output
-
-    # ---- parts of an epoch ----------------------------------------------------------------------------------------
-
-    def _detail(
-        self,
-        readings: Readings,
-        ins: InsState,
-        filters: Filters,
-        made: Fused,
-        imu: ImuEpoch,
-        gps: Aid,
-        doppler: Aid,
-        lines: Array,
-        altimeter_off: Array,
-    ) -> Detail:
-        runs = self._runs
-        shown, fused = [FUSED, *ALONE, CENTRAL], filters.estimate(FUSED)
+        say = Ledger(self._layout, runs)
+        inertial.report(say, imu)
+        altimeter.report(say, judged, damping.present)
+        satellites.report(say, integrity, feeding[:, 0], lines)
+        aids.report(say, gps, doppler, readings, filters.estimate(FUSED))
+        aid_tests.report(say, tests)
+        say.judge("{aid}", decision.health, feeding)
+        say["used.{aid}"] = feeding
+        masters.report(say, made)
         two = InsState(ins.lla.reshape(runs, 2, 3), ins.v_n.reshape(runs, 2, 3), ins.C_nb.reshape(runs, 2, 3, 3))
-        n = len(gps.columns) // 2
-        there, taken = gps.present[:, :n], gps.valid[:, :n]
-        discrepancy = np.full((runs, len(SLOTS)), np.nan)
-        residual = gps.y[:, 0, :n] - np.matvec(gps.H[:, 0, :n], fused.x)
-        discrepancy[:, gps.columns[:n]] = np.where(there, residual, np.nan)
-        reading = np.where(doppler.present, readings["doppler.velocity"].values, np.nan)
-        output, _ = federated.failed_output(fused, doppler.H[:, 0])
-        indicated = doppler.y[:, 0] + np.nan_to_num(reading)
-        return Detail(
-            ins=two,
-            x=filters.x[:, shown, :9],
-            P=filters.P[:, shown, :9, :9],
-            parity=imu.parity,
-            doppler=np.stack([reading, indicated - output], axis=1),
-            discrepancy=discrepancy,
-            altimeter=altimeter_off,
-            lines=lines,
-            in_use=np.broadcast_to(taken.sum(axis=-1).astype(float), (runs,)),
-            excluded=np.broadcast_to((there & ~taken).sum(axis=-1).astype(float), (runs,)),
-            hdop=aids.hdop(gps),
-            weights=made.weights,
+        shown = [FUSED, *ALONE, CENTRAL]
+        navigation.report(say, two, CORRECTS, filters.x[:, shown, :9], filters.P[:, shown, :9, :9])
+        events = (
+            *integrity.notices,
+            *notices.of_aids(decision, tests),
+            *notices.of_imu(imu),
+            *notices.reopened(opening),
+            *notices.of_altimeter(judged),
+            *notices.flown_again(past, culprits),
         )
+        return after, output(say, events, left_out=unpaired(readings, ("imu.gyro", "imu.accelerometer")))
 
 
 def _sharing(settings: Settings) -> Sharing:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ftcore.detection import supervisor
+from ftcore.parts.instruments import CLUSTERS
 from ftcore.systems.base import Notice
+from ftcore.systems.sins_gps_doppler import overruled
 from ftcore.systems.sins_gps_doppler.aid_tests import AidTestResult
+from ftcore.systems.sins_gps_doppler.aids import AIDS, SLOTS
 from ftcore.systems.sins_gps_doppler.altimeter import AltimeterEpoch
+from ftcore.systems.sins_gps_doppler.forms import EPOCH
 from ftcore.systems.sins_gps_doppler.history import Culprits, History
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch
-from ftcore.systems.sins_gps_doppler.names import AIDS, CLUSTERS, EPOCH, SLOTS
+
+Array = NDArray[np.float64]
 
 
 def of_aids(decision: supervisor.Decision, tests: AidTestResult) -> list[Notice]:
@@ -40,7 +46,15 @@ def of_imu(imu: ImuEpoch) -> list[Notice]:
             ("integrity.restored", imu.undecided.just_readmitted[:, c]),
         ):
             if where.any():
-                numbers = {"statistic": imu.rest.statistic[:, c], "threshold": imu.rest.threshold[:, c]}
+                # While all are in use there is no rest: it is the parity of all that contradicts.
+                few = imu.rest.dof[:, c] > 0
+                numbers = {
+                    name: np.where(few, rest[:, c], whole.reshape(len(few), -1)[:, c])
+                    for name, rest, whole in (
+                        ("statistic", imu.rest.statistic, imu.sight.FD),
+                        ("threshold", imu.rest.threshold, imu.sight.threshold),
+                    )
+                }
                 notices.append(Notice(kind, f"imu.{cluster}", where, numbers))
     if imu.changed.any():
         numbers = {f"{name}s_used": imu.used[:, c].sum(axis=-1).astype(float) for c, name in enumerate(names)}
@@ -60,6 +74,18 @@ def of_altimeter(judged: AltimeterEpoch) -> list[Notice]:
         numbers = {"bias_changed [m]": judged.shift, "bias_opened [m]": np.sqrt(judged.opened)}
         notices.append(Notice("filter.reset", "altimeter", back, numbers))
     return notices
+
+
+def reopened(opening: Array) -> list[Notice]:
+    """How far the filters were opened because GPS and Doppler overrule the inertial solution; ``opening (runs,)``."""
+    if not opening.any():
+        return []
+    numbers = {
+        "position [m]": opening * overruled.POSITION,
+        "velocity [m/s]": opening * overruled.VELOCITY,
+        "attitude [rad]": opening * overruled.ATTITUDE,
+    }
+    return [Notice("filter.reopened", "imu", opening > 0.0, numbers)]
 
 
 def flown_again(history: History, culprits: Culprits | None) -> list[Notice]:

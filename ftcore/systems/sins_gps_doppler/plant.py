@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from ftcore import earth, units
 from ftcore.estimation.strapdown import InsState
 from ftcore.noise import NoiseSource
+from ftcore.parts.navigation import Truth
 from ftcore.readings import Readings
 from ftcore.rotation import rotvec_to_matrix, rpy_to_matrix
 from ftcore.sensors import altimeter, doppler, gnss
 from ftcore.sensors.inertial import AxisCluster
-from ftcore.systems.reporting import Truth
-from ftcore.systems.sins_gps_doppler.forms import Flight, Parameters
-from ftcore.systems.sins_gps_doppler.names import EPOCH, SLOTS
+from ftcore.systems.sins_gps_doppler.aids import SLOTS
+from ftcore.systems.sins_gps_doppler.forms import EPOCH, Flight, Parameters
 from ftcore.world import constellation
 from ftcore.world.path import Path
 from ftcore.world.trajectory import Straight, plan

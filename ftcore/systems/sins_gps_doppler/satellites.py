@@ -28,23 +28,58 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ftcore.description import Health, SceneItem, Test
 from ftcore.detection import chi_square, raim, supervisor
 from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXCLUDED, Consistency, Isolation
 from ftcore.estimation import kalman
 from ftcore.estimation.ins_error import CLOCK_FREQUENCY, CLOCK_PHASE
+from ftcore.parts.charts import chart_of_test
+from ftcore.parts.declared import Declared, Signals
+from ftcore.parts.ledger import Ledger
 from ftcore.systems.base import Flags, Notice
-from ftcore.systems.sins_gps_doppler.aids import Aid
+from ftcore.systems.reporting import Now
+from ftcore.systems.sins_gps_doppler.aids import SLOTS, Aid
 from ftcore.systems.sins_gps_doppler.bank import FUSED, REFERENCE, Filters
 from ftcore.systems.sins_gps_doppler.forms import Settings
-from ftcore.systems.sins_gps_doppler.names import SLOTS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Codes = NDArray[np.int8]
+
+DECLARED: Final = Declared(
+    subjects={"gps.{satellite}": "satellite {satellite}"},
+    signals=(Signals("used.gps.{satellite}", "satellite {satellite} used", "1", "decision"),),
+    tests=(
+        Test(
+            name="integrity",
+            label="satellite integrity test",
+            subjects=("gps",),
+            dof="ranges minus unknowns, and rates minus as many; none while it is off",
+            source="Chey 2004; Brown 1992",
+            may_drive=False,
+            probability="exact",
+        ),
+    ),
+    charts=(chart_of_test("integrity-gps", "Satellite integrity test, SINS/GPS", "test.integrity.gps"),),
+    scene=(
+        SceneItem(
+            id="satellite.{satellite}",
+            label="{satellite}",
+            kind="line-of-sight",
+            frame="level",
+            family="satellites",
+            channel="gps.pseudorange.{satellite}",
+            subject="gps.{satellite}",
+        ),
+    ),
+)
+LINE: Final = 1.5
+"""Length of a line of sight in the scene."""
 
 _OPEN = {
     "snapshot": np.array([0, 1, 2, CLOCK_PHASE, 3, 4, 5, CLOCK_FREQUENCY]),
@@ -201,3 +236,25 @@ def _spread(satellites: Flags, slots: Ints) -> Flags:
     wide = np.zeros((len(satellites), len(SLOTS)), bool)
     wide[:, slots] = satellites
     return wide
+
+
+def report(say: Ledger, epoch: SatelliteEpoch, feeding: Flags, lines: Array) -> None:
+    """The test, who is out, and who is used where GPS feeds the master, ``feeding (runs,)``; ``lines`` of sight."""
+    tested = epoch.dof[:, 0] > 0
+    statistic, threshold = (np.where(tested, v[:, 0], np.nan) for v in (epoch.statistic, epoch.threshold))
+    say.test("integrity", "gps", statistic, threshold, epoch.dof[:, 0], epoch.alarm[:, 0])
+    used = epoch.used & feeding[:, None]
+    say.judge("gps.{satellite}", epoch.health, used)
+    say["used.gps.{satellite}"] = used
+    say.draw("satellite.{satellite}", LINE * lines)
+
+
+def items(now: Now) -> dict[str, Health]:
+    """With GPS out all satellites are, but for those with a fault."""
+    if now.health["gps"] not in ("isolated", "off"):
+        return {}
+    return {f"satellite.{slot}": "isolated" for slot in SLOTS if not now.faulted & _channels(slot)}
+
+
+def _channels(slot: str) -> set[str]:
+    return {f"gps.{quantity}.{part}" for quantity in ("pseudorange", "delta_range") for part in (slot, "all")}

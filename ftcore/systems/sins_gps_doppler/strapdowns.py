@@ -16,9 +16,8 @@ from ftcore.estimation import ins_error
 from ftcore.estimation.strapdown import InsState, Interval, damp_vertical, propagate
 from ftcore.readings import Readings
 from ftcore.systems.base import Flags
-from ftcore.systems.sins_gps_doppler.forms import Aiding
+from ftcore.systems.sins_gps_doppler.forms import EPOCH, Aiding
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch
-from ftcore.systems.sins_gps_doppler.names import EPOCH
 
 Array = NDArray[np.float64]
 

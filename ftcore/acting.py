@@ -83,6 +83,7 @@ class Situation:
         seen: clean readings of the last epoch, of the first one before it is flown; None where they are not known.
         now: time of the last epoch [s].
         runs: how many there are.
+        settled: nobody is suspected or isolated, in any run.
     """
 
     operator: Operator
@@ -91,6 +92,7 @@ class Situation:
     seen: Readings | None
     now: float
     runs: int
+    settled: bool = True
 
     def standing(self, fault: Fault) -> LiveFault:
         """A fault with its state, what it does in run 0, and why it is silent if it is."""

@@ -15,7 +15,7 @@ from ftcore.events import Raw
 from ftcore.faults import Fault
 from ftcore.operator import Operator
 from ftcore.prospects import Outlook, refuse_idle
-from ftcore.systems.base import Form
+from ftcore.systems.base import Form, no_effect
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class Rules:
 
     Attributes:
         absent: channels that are not there, and why.
-        idle_settings: settings that change nothing in this flight, and why.
+        parameters: of the flight.
         form: of the system's settings.
     """
 
     absent: Mapping[str, str]
-    idle_settings: Mapping[str, str]
+    parameters: Form
     form: type[Form]
 
 
@@ -83,9 +83,9 @@ def execute(command: OperatorCommand, situation: Situation, rules: Rules, outloo
             return Execution(command, after, (), ((-1, "subsystem.switched", command.subsystem, detail),))
         case Configure():
             after = operator.configure(before, rules.form, command.settings)
-            for name, why in rules.idle_settings.items():
+            for name, why in after.settings.without_effect(rules.parameters, situation.settled).items():
                 if getattr(after.settings, name) != getattr(before.settings, name):
-                    raise CommandError(name, f"{name} changes nothing here: {why}")
+                    raise CommandError(name, no_effect(name, why))
             if after.settings == before.settings:
                 return Execution(command, before)
             return Execution(command, after, (), ((-1, "settings.changed", "settings", dict(command.settings)),))

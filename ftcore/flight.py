@@ -26,7 +26,7 @@ from ftcore.readings import Readings
 from ftcore.recording import Recording
 from ftcore.scenario import Scenario
 from ftcore.score import Book
-from ftcore.systems.base import Output, addresses
+from ftcore.systems.base import HEALTH, Output, addresses
 from ftcore.threads import one_blas_thread
 
 Shown = tuple[Any, Output]
@@ -85,7 +85,7 @@ class Flight:
         self._first: Readings | None = None
         self._events: list[Event] = []
         self._log = CommandLog.of(scenario.commands)
-        self._rules = Rules(self._assembly.absent, self._assembly.idle_settings, system.Settings)
+        self._rules = Rules(self._assembly.absent, parameters, system.Settings)
         self._note((-1, r.kind, r.subject, {"text": r.text, **r.numbers}) for r in self._assembly.remarks)
         self._shown: Shown | None = None
         self._history = History(self._state, self._operator, runs)
@@ -294,7 +294,8 @@ class Flight:
 
     def _situation(self) -> Situation:
         state = self._state
-        return Situation(self._operator, state.deeds, self._channels, self._seen(), self.now, self.runs)
+        settled = not np.isin(state.health, (HEALTH.index("suspect"), HEALTH.index("isolated"))).any()
+        return Situation(self._operator, state.deeds, self._channels, self._seen(), self.now, self.runs, settled)
 
     def _outlook(self) -> Outlook:
         return Outlook(self._seen(), self.epoch, self.last_epoch, self.period, self._assembly.visible)

@@ -18,7 +18,7 @@ from ftcore.display import card, counted, line, table
 from ftcore.documents import Strict
 from ftcore.faults import KINDS, Fault, FaultError, check
 from ftcore.identifiers import Line, Text
-from ftcore.systems.base import System, addresses
+from ftcore.systems.base import System, addresses, invalid, no_effect
 from ftcore.systems.registry import SYSTEMS
 
 MAX_FAULTS = 200
@@ -68,6 +68,15 @@ class Scenario(Strict):
             form = system.Parameters if info.field_name == "parameters" else system.Settings
             form.strictly(value)
         return value
+
+    @model_validator(mode="after")
+    def _every_setting_matters(self) -> Scenario:
+        given = self.model.Settings.model_validate(self.settings)
+        idle = given.without_effect(self.model.Parameters.model_validate(self.parameters))
+        for name in given.differing(tuple(self.settings)):
+            if name in idle:
+                raise invalid("Scenario", ("settings", name), no_effect(name, idle[name]))
+        return self
 
     @model_validator(mode="after")
     def _lasts_no_longer_than_the_system_can(self) -> Scenario:

@@ -212,8 +212,11 @@ class Simulation(Notebook, Flight):
 
     @property
     def idle_settings(self) -> Mapping[str, str]:
-        """Settings that change nothing with the parameters of this flight, and why."""
-        return self._assembly.idle_settings
+        """Settings that change nothing with the parameters of this flight and the other settings, and why."""
+        idle: Mapping[str, str] = self._operator.settings.without_effect(
+            self._rules.parameters, self._situation().settled
+        )
+        return idle
 
     def latest(self) -> dict[str, float]:
         """Last value of every signal of run 0, SI."""

@@ -147,7 +147,9 @@ class ExperimentState(Answer):
     faults: list[FaultState]
     subsystems: dict[str, SubsystemStatus]
     settings: dict[str, Any]
-    idle_settings: dict[str, str] = Field(description="settings that change nothing with these parameters, and why")
+    idle_settings: dict[str, str] = Field(
+        description="settings that change nothing with these parameters and the other settings, and why"
+    )
     unavailable: dict[str, str] = Field(description="channels that this experiment has not, and what would bring them")
     not_in_view: list[str] = Field(description="channels without a reading in the last epoch; no fault acts there now")
     parent: str | None = Field(description="the experiment this one was forked from")

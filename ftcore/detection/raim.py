@@ -16,14 +16,22 @@ takes redundancy to spare; and every set that accuses another in its place must 
 Q(sqrt(M)), whatever the size of the fault and however alike the two look; the mere minimum of the residual (M = 0) has
 no such bound. What cannot be told apart is not guessed: the answer is CANNOT_ISOLATE.
 
+One after the other is no way to find two: the largest residual of two faults may be an innocent's, between the two.
+Where no exclusion of one suffices, all pairs are tried: with the redundancy for it, the one that passes its test is
+named where every other pair fits worse, by the margin above where it shares a satellite with the first, else by
+``chi2.isf(p, 2)``. With the faults on the pair A, q_A - q_B is at most the part of the noise in span(A, B) and outside
+of span(A), chi-square on 2 at most: B wins by the margin with a probability of at most p. More than two are looked for
+one after the other, where no pair passes.
+
 Shapes: (..., n), any leading axes. Sources: J. Chey et al., ICCAS 2004; R.G. Brown, Navigation 39 (1992); the margin is
 a likelihood ratio of two single-fault hypotheses with unknown sizes (FTLab).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -134,6 +142,7 @@ def isolate(c: Consistency, p_fa: float, least_dof: Ints | int = 1, separation: 
         separation: by how much every other explanation must fit worse; 0 is the plain minimum of the residual.
 
     The loop ends with redundancy, after n - 1 turns at most; it is one over repeated exclusions, all runs in step.
+    Where its first exclusion does not suffice, a pair that does takes its place, or nobody where several pairs do.
     """
     _, limit, alarm = chi_square.decide(c.statistic, c.dof, p_fa)
     if not alarm.any():
@@ -144,6 +153,7 @@ def isolate(c: Consistency, p_fa: float, least_dof: Ints | int = 1, separation: 
     failing = alarm
     excluded = np.zeros(c.valid.shape, bool)
     order: list[tuple[Ints, Mask]] = []
+    single = np.zeros_like(alarm)
     while True:
         candidate = _candidates(left)
         going = failing & (left.dof > least_dof) & candidate.any(axis=-1)
@@ -156,6 +166,8 @@ def isolate(c: Consistency, p_fa: float, least_dof: Ints | int = 1, separation: 
         excluded = excluded | hit
         order.append((worst, going))
         failing = failing & (left.statistic >= chi_square.threshold(p_fa, left.dof))
+        if len(order) == 1:
+            single = alarm & going & ~failing
     named = alarm & ~failing & excluded.any(axis=-1)
     nearest = np.full(c.statistic.shape, np.inf)
     if order and named.any():
@@ -164,9 +176,12 @@ def isolate(c: Consistency, p_fa: float, least_dof: Ints | int = 1, separation: 
     state = np.where(c.dof <= 0, CANNOT_DETECT, np.where(alarm, np.where(named, EXCLUDED, CANNOT_ISOLATE), CONSISTENT))
     keep = named if order else np.zeros_like(alarm)
     remaining = _chosen(keep, left, c)
-    return Isolation(state.astype(np.int8), excluded & keep[..., None], alarm, limit, remaining, nearest)
+    found = Isolation(state.astype(np.int8), excluded & keep[..., None], alarm, limit, remaining, nearest)
+    several = alarm & (c.dof - 2 >= least_dof) & (~keep | (excluded.sum(axis=-1) > 1)) & ~single
+    return _by_pairs(c, found, several, p_fa, separation) if several.any() else found
 
 
+NDArrayAny = np.ndarray[Any, Any]
 NDArrayInt8 = np.ndarray[tuple[int, ...], np.dtype[np.int8]]
 _Stage = tuple[Ints, Mask]
 
@@ -205,6 +220,73 @@ def _nearest_other(c: Consistency, order: list[_Stage], excluded: Mask) -> Array
         others = np.where(base.valid & ~excluded, w2, -np.inf).max(axis=-1)
         nearest = np.where(when, np.minimum(nearest, mine[..., 0] - others), nearest)
     return nearest
+
+
+def _by_pairs(c: Consistency, found: Isolation, where: Mask, p_fa: float, separation: float) -> Isolation:
+    """The isolation with a pair in the runs ``where`` in which one passes: the only one, or nobody."""
+    rows = np.nonzero(where)
+    some = Consistency(c.A[rows], c.y[rows], c.z[rows], c.statistic[rows], c.dof[rows], c.valid[rows])
+    statistic = _pair_statistics(some)
+    runs, n = some.y.shape
+    flat = statistic.reshape(runs, n * n)
+    best = flat.argmin(axis=-1)
+    i, j = best // n, best % n
+    least = np.take_along_axis(flat, best[:, None], axis=-1)
+    passes = least[:, 0] < chi_square.threshold(p_fa, some.dof - 2)
+    if not passes.any():
+        return found
+    pair = (np.arange(n) == i[:, None]) | (np.arange(n) == j[:, None])
+    shares = pair[:, :, None] | pair[:, None, :]
+    other = ~(pair[:, :, None] & pair[:, None, :])
+    excess = np.where(other, statistic - least[..., None], np.inf)
+    apart = float(chi2.isf(chi2.sf(separation, 1), 2))
+    sure = passes & (excess >= np.where(shares, separation, apart)).all(axis=(-1, -2))
+    nearest = excess.min(axis=(-1, -2))
+    # Who is named already stays named by the very same numbers.
+    same = sure & (found.excluded[rows] == pair).all(axis=-1)
+    anew = passes & ~same
+    rest = _without(_without(some, i, sure), j, sure)
+    into = tuple(axis[anew] for axis in rows)
+    left = found.remaining
+
+    def put(old: NDArrayAny, new: NDArrayAny) -> NDArrayAny:
+        after = old.copy()
+        after[into] = new[anew]
+        return after
+
+    return replace(
+        found,
+        state=put(found.state, np.where(sure, EXCLUDED, CANNOT_ISOLATE).astype(np.int8)),
+        excluded=put(found.excluded, pair & sure[:, None]),
+        separation=put(found.separation, nearest),
+        remaining=Consistency(
+            put(left.A, rest.A),
+            left.y,
+            put(left.z, rest.z),
+            put(left.statistic, rest.statistic),
+            put(left.dof, rest.dof),
+            put(left.valid, rest.valid),
+        ),
+    )
+
+
+def _pair_statistics(c: Consistency) -> Array:
+    """The statistic without each pair of measurements, (runs, n, n) with i < j; infinite for what is no pair."""
+    runs, n = c.y.shape
+    found = np.full((runs, n, n), np.inf)
+    everywhere = np.ones(runs, bool)
+    for i in range(n - 1):
+        candidate = _candidates(c)[:, i]
+        base = _without(c, np.full(runs, i), everywhere & candidate)
+        later = slice(i + 1, n)
+        pivot = np.diagonal(base.A, axis1=-2, axis2=-1)[:, later]
+        seen = candidate[:, None] & base.valid[:, later] & (pivot > _BLIND)
+        scale = np.where(seen, base.z[:, later] / np.where(seen, pivot, 1.0), 0.0)
+        z = base.z[:, None] - base.A[:, later] * scale[..., None]
+        # As in `_without`: what a gross fault leaves of itself in its own place is rounding.
+        z[:, np.arange(n - 1 - i), np.arange(i + 1, n)] = 0.0
+        found[:, i, later] = np.where(seen, np.maximum(np.vecdot(base.y[:, None], z), 0.0), np.inf)
+    return found
 
 
 def _chosen(where: Mask, a: Consistency, b: Consistency) -> Consistency:

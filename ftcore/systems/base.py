@@ -10,11 +10,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol, Self, runtime_checkable
+from typing import Any, Final, NoReturn, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ftcore.description import Indicator, SystemDescription, View
 from ftcore.faults import ChannelAddress
@@ -43,6 +43,37 @@ class Form(BaseModel):
     def longest(self) -> float:
         """Longest flight on these parameters [s]."""
         return 36000.0
+
+    def without_effect(self, parameters: Any, settled: bool = True) -> Mapping[str, str]:
+        """Settings of this form that change nothing with these parameters and the other settings, and why.
+
+        Nothing means no reading, no statistic, no estimate and no event, whatever happens. The reason names what would
+        bring the setting to bear. A setting whose statistic is shown while another one drives is not among them.
+
+        Args:
+            parameters: of the flight.
+            settled: nobody is suspected or isolated. One that is may come back by settings that put nobody out.
+        """
+        return {}
+
+    def refuse(self, where: tuple[str | int, ...], why: str) -> NoReturn:
+        """Raise pydantic's ValidationError at a place below this form."""
+        raise invalid(type(self).__name__, where, why)
+
+    def differing(self, names: tuple[str, ...]) -> list[str]:
+        """Which of these fields have another value than by default."""
+        return [name for name in names if getattr(self, name) != type(self).model_fields[name].get_default()]
+
+
+def no_effect(name: str, why: str) -> str:
+    """The sentence that refuses a setting of :meth:`Form.without_effect`."""
+    return f"{name} changes nothing here: {why}"
+
+
+def invalid(title: str, where: tuple[str | int, ...], why: str) -> ValidationError:
+    """Pydantic's error of one finding, at a place below what is validated."""
+    found: Any = {"type": "value_error", "loc": where, "input": None, "ctx": {"error": ValueError(why)}}
+    return ValidationError.from_exception_data(title, [found])
 
 
 @dataclass(frozen=True)
@@ -157,7 +188,6 @@ class Assembly:
         epochs: how many there are where the world ends (a log); no end if None.
         absent: channels of the description that this experiment has not, and why, in words that say what would bring
             them.
-        idle_settings: settings that change nothing with these parameters, and why.
         visible: where it is known for times to come. False only where there will be no reading for certain; None: it is
             not known, or every channel always has one.
         foresees: whether the first epoch can be looked at before it is flown; not where a step is more than arithmetic.
@@ -172,7 +202,6 @@ class Assembly:
     period: float | None = None
     epochs: int | None = None
     absent: Mapping[str, str] = field(default_factory=dict)
-    idle_settings: Mapping[str, str] = field(default_factory=dict)
     visible: Visible | None = None
     foresees: bool = True
     remarks: Sequence[Remark] = ()

@@ -149,3 +149,48 @@ def test_given_a_subsystem_that_is_switched_off_then_no_fault_of_it_acts_and_eac
             if flight is not None:
                 assert said == f"{subsystem} is switched off"
                 assert np.array_equal(flight.recording.rows, calm, equal_nan=True), here[i]
+
+
+def together(simulation: Simulation) -> list[tuple[Channel, Channel]]:
+    """Two channels of one instrument or of one satellite each, that have a reading."""
+    blind = {*simulation.not_in_view, *simulation.unavailable}
+    there = [c for c in simulation.description.channels if c.name not in blind and len(c.parts) < 4]
+
+    def alike(a: Channel, b: Channel) -> bool:
+        axis = a.name[:-1] == b.name[:-1] or a.name.split(".")[-1] == b.name.split(".")[-1]
+        return a.name.split(".")[0] == b.name.split(".")[0] and axis
+
+    return [(a, b) for a in there for b in there if a.name != b.name and alike(a, b)]
+
+
+@pytest.mark.parametrize("name", ["A", "C redundant", "D"])
+def test_given_a_dropout_beside_it_then_a_fault_acts_or_says_that_nobody_uses_its_reading(name, tmp_path_factory):
+    simulation = base(name, str(tmp_path_factory.mktemp("log")))
+    rng = np.random.default_rng(12)
+    every = together(simulation)
+    for i in rng.choice(len(every), min(8, len(every)), replace=False):
+        gone, faulted = every[i]
+        twin = simulation.fork()
+        twin.inject(sized(gone.name, "dropout", 0.0))
+        outcome, flight, said = broken(twin, faulted, "bias")
+        calm = twin.advance(epochs=EPOCHS).recording.rows
+        assert flight is not None
+        differs = not np.array_equal(flight.recording.rows, calm, equal_nan=True)
+        assert differs == (outcome == "acting"), (gone.name, faulted.name, said)
+        if outcome == "explained":
+            assert "other axis" in said or "dropout" in said
+
+
+def test_given_a_gyro_without_one_axis_then_its_other_axis_is_silent_until_the_dropout_ends(tmp_path_factory):
+    flight = base("D", str(tmp_path_factory.mktemp("log"))).fork()
+    flight.inject(sized("imu.gyro.1x", "dropout", 0.0, end=flight.now + 0.2))
+    fault = flight.inject(sized("imu.gyro.1y", "bias", 0.1))
+    flight.advance(epochs=5)
+    gone, silent = flight.faults
+    assert gone.acting
+    assert not silent.acting
+    assert (
+        silent.silent_because == "its instrument has no reading of the other axis, and is used with both or not at all"
+    )
+    flight.advance(epochs=10)
+    assert next(live for live in flight.faults if live.fault.id == fault.id).acting

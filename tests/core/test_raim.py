@@ -1,6 +1,7 @@
 """Consistency tests of satellites, isolation with a margin, protection levels: against deletion, ncx2 and sampling."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -242,9 +243,103 @@ def test_given_satellites_that_look_alike_then_the_margin_keeps_the_innocent_fro
     assert max(guessed) > 0.05, "the example is a hard one"
 
 
+# ---- two faults at once
+
+
+def without(H, y, pair):
+    """Statistic of least squares without two satellites, solved anew, (runs,)."""
+    keep = ~np.isin(np.arange(len(H)), pair)
+    rest = y[:, keep].T - H[keep] @ np.linalg.lstsq(H[keep], y[:, keep].T, rcond=None)[0]
+    return (rest**2).sum(axis=0) / SIGMA**2
+
+
+def test_given_any_two_of_seven_grossly_wrong_then_both_are_named():
+    H, runs = seoul(7), 60
+    right = []
+    for a, b in combinations(range(7), 2):
+        faults = on(7, a, 299_792.458) + on(7, b, -1.7e5)
+        _, form = snapshot(H, measured(H, runs, faults, seed=7 * a + b))
+        found = raim.isolate(form, P_FA, 1, SURE)
+        named = (found.excluded == (faults != 0.0)).all(axis=1)
+        assert not (found.excluded.any(axis=1) & ~named).any()
+        right.append(named)
+        rest = without(H, measured(H, runs, faults, seed=7 * a + b), (a, b))
+        np.testing.assert_allclose(found.remaining.statistic[named], rest[named], rtol=1e-4, atol=1e-4)
+    # Each rest alarms once in a thousand; all else is told at this size.
+    assert np.count_nonzero(~np.array(right)) <= binom.isf(1e-6, 21 * runs, P_FA)
+
+
+def test_given_two_faults_of_any_size_then_the_pair_is_who_deleting_every_pair_says():
+    H, runs, alone = seoul(7), 400, chi2.isf(P_FA, 2)
+    rng = np.random.default_rng(8)
+    pairs = list(combinations(range(7), 2))
+    faults = np.zeros((runs, 7))
+    for run, pair in enumerate(rng.integers(21, size=runs)):
+        faults[run, list(pairs[pair])] = rng.normal(size=2) * 1500.0
+    y = measured(H, runs, faults, seed=9)
+    _, form = snapshot(H, y)
+    found = raim.isolate(form, P_FA, 1, SURE)
+    q = np.array([without(H, y, pair) for pair in pairs])
+    one = np.array([without(H, y, (i, i)) for i in range(7)]).min(axis=0) < alone
+    alike = disjoint = 0
+    for run in np.flatnonzero(~one):
+        best = int(q[:, run].argmin())
+        margins = [SURE if set(pair) & set(pairs[best]) else chi2.isf(1e-3, 2) for pair in pairs]
+        rivals = [k for k in range(21) if k != best and q[k, run] - q[best, run] < margins[k]]
+        disjoint += any(not set(pairs[k]) & set(pairs[best]) for k in rivals)
+        named = q[best, run] < chi2.isf(P_FA, 1) and not rivals
+        alike += not named
+        assert set(np.flatnonzero(found.excluded[run])) == (set(pairs[best]) if named else set()), run
+        assert found.state[run] == (EXCLUDED if named else CANNOT_ISOLATE)
+    assert 0 < alike < 200
+    assert disjoint, "the example has pairs that share none"
+
+
+def test_given_two_pairs_that_explain_the_same_residual_then_nobody_is_excluded():
+    """A residual in the planes of (0, 1) and of (2, 3): both pairs leave nothing of it, whatever its size."""
+    H = seoul(7)
+    parity = np.linalg.qr(H, mode="complete")[0][:, 4:]
+    normal = np.cross(parity[2], parity[3])
+    for size in (500.0, 5000.0, 5e5):
+        first = size / (parity[0] @ normal)
+        faults = on(7, 0, first) + on(7, 1, -first * (parity[0] @ normal) / (parity[1] @ normal))
+        _, form = snapshot(H, measured(H, 50, faults))
+        found = raim.isolate(form, P_FA, 1, SURE)
+        assert found.alarm.all()
+        assert (found.state == CANNOT_ISOLATE).all()
+        assert not found.excluded.any()
+        np.testing.assert_array_equal(found.remaining.statistic, form.statistic)
+
+
+def test_given_two_of_six_wrong_then_no_pair_is_named_for_nothing_would_check_it():
+    H = seoul(6)
+    _, form = snapshot(H, measured(H, 50, on(6, 1, 4e3) + on(6, 4, -3e3)))
+    found = raim.isolate(form, P_FA, 1, SURE)
+    assert (found.state == CANNOT_ISOLATE).all()
+    assert not found.excluded.any()
+
+
+def test_given_the_faults_on_one_pair_then_another_wins_no_more_often_than_the_margin_allows():
+    """P(any other pair is named) for a fault in the worst direction: along the line where two planes meet."""
+    H, runs = seoul(8), 4000
+    parity = np.linalg.qr(H, mode="complete")[0][:, 4:]
+    wrong = trials = 0
+    for size in (150.0, 400.0, 2000.0):
+        for a, b in ((0, 1), (2, 5)):
+            faults = on(8, a, size) + on(8, b, -size * (parity[a] @ parity[6]) / (parity[b] @ parity[6]))
+            _, form = snapshot(H, measured(H, runs, faults, seed=int(size) + a))
+            found = raim.isolate(form, P_FA, 1, SURE)
+            two = found.excluded.sum(axis=1) == 2
+            wrong += np.count_nonzero(two & ~(found.excluded == (faults != 0.0)).all(axis=1))
+            trials += runs
+    # 27 other pairs, each at most 1e-3.
+    assert wrong <= binom.isf(1e-6, trials, 27e-3)
+
+
 def test_given_one_run_or_many_then_the_answer_is_the_same():
     H = seoul()
-    y = np.concatenate([measured(H, 20), measured(H, 20, on(8, 4, 90.0)), measured(H, 20, on(8, 2, 1e6))])
+    two = measured(H, 20, on(8, 2, 1e6) + on(8, 5, 700.0))
+    y = np.concatenate([measured(H, 20), measured(H, 20, on(8, 4, 90.0)), two])
     _, form = snapshot(H, y)
     together = raim.isolate(form, P_FA, 1, SURE)
     for k in range(60):

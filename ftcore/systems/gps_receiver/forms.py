@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ftcore.systems.base import NOISE_FLOOR, Form
 from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, quantity
@@ -71,6 +71,15 @@ class Parameters(Form):
     receiver: Receiver = Receiver()
     filter: Filter = Filter()
     log: Log | None = Field(default=None, description="a receiver's log; the simulated receiver if absent")
+
+    @model_validator(mode="after")
+    def _all_of_it_is_heard(self) -> Parameters:
+        if self.log is not None:
+            for name in self.receiver.differing(tuple(Receiver.model_fields)):
+                self.refuse(
+                    ("receiver", name), f"{name} changes nothing here: a log is played; leave it or the log out"
+                )
+        return self
 
     @property
     def longest(self) -> float:

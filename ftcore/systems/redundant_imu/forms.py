@@ -6,9 +6,10 @@ silent.
 
 from __future__ import annotations
 
-from typing import Literal, NoReturn
+from collections.abc import Mapping
+from typing import Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from ftcore.systems.base import Form
 from ftcore.systems.forms import CONFIRM, WITHIN, Supervised, false_alarm_probability, hold_off, mounting, quantity
@@ -101,20 +102,14 @@ class Parameters(Form):
                 try:
                     trims(aircraft, self.flight, (leg,))
                 except ValueError as error:
-                    self._refuse(("flight", "legs", k), f"the aircraft {whose} cannot fly this: {error}")
+                    self.refuse(("flight", "legs", k), f"the aircraft {whose} cannot fly this: {error}")
         if self.plant == "jsbsim":
             if self.mismatch != Mismatch():
-                self._refuse(("mismatch",), "JSBSim's aircraft is as it is: with plant jsbsim leave mismatch out")
+                why = "JSBSim's aircraft is as it is; with plant jsbsim leave mismatch out"
+                self.refuse(("mismatch",), f"mismatch changes nothing here: {why}")
             if self.flight.legs[0].bank != 0.0:
-                self._refuse(("flight", "legs", 0, "bank"), "JSBSim begins with wings level: the first leg's bank is 0")
+                self.refuse(("flight", "legs", 0, "bank"), "JSBSim begins with wings level: the first leg's bank is 0")
         return self
-
-    def _refuse(self, where: tuple[str | int, ...], why: str) -> NoReturn:
-        """Raise pydantic's ValidationError at a place below these parameters."""
-        raise ValidationError.from_exception_data(
-            type(self).__name__,
-            [{"type": "value_error", "loc": where, "input": None, "ctx": {"error": ValueError(why)}}],
-        )
 
     def flown(self) -> Aircraft:
         """The aircraft that flies."""
@@ -158,3 +153,13 @@ class Settings(Supervised):
     hold_off: int = hold_off(
         25, "epochs in a row in which an isolated gyro must agree with the others before it is trusted again"
     )
+
+    def without_effect(self, parameters: Any, settled: bool = True) -> Mapping[str, str]:
+        """See :meth:`ftcore.systems.base.Form.without_effect`."""
+        idle: dict[str, str] = {}
+        if not self.hybrid:
+            idle["lead"] = "the UKF never starts; setting hybrid = true lets it"
+        if self.driving_test == "none" and settled:
+            why = "nobody is declared faulty; setting driving_test to one of the tests changes that"
+            idle |= dict.fromkeys(("confirm", "within", "hold_off"), why)
+        return idle

@@ -38,6 +38,7 @@ from ftcore.systems.redundant_imu.forms import Parameters, Settings
 from ftcore.systems.redundant_imu.gyros import GYRO, INSTRUMENTS, SUBJECTS
 from ftcore.systems.redundant_imu.model import ATTITUDE, RATES, FlightModel
 from ftcore.systems.reporting import output
+from ftcore.systems.two_axis import unpaired
 
 Array = NDArray[np.float64]
 AXES = 2 * INSTRUMENTS
@@ -221,7 +222,7 @@ class Navigator:
         aircraft.report(say, rates, u)
         over = episode.active & ~remembered.active
         events = _notices(begin, over, state.told, told, doubted, verdict, episode, settings)
-        return after, output(say, events, command)
+        return after, output(say, events, command, unpaired(readings, (GYRO,)))
 
     # ---- parts of an epoch ----------------------------------------------------------------------------------------
 

@@ -76,7 +76,6 @@ class SinsGpsBd2Cns:
             LAYOUT.tests,
             LAYOUT.subjects,
             absent=_absent(p),
-            idle_settings=_without_effect(p),
         )
 
 
@@ -86,11 +85,3 @@ def _absent(p: Parameters) -> dict[str, str]:
     other, axes = {"three-axis": ("redundant", PAIRS), "redundant": ("three-axis", BODY)}[fitted]
     reason = f"the {fitted} IMU is fitted; parameter inertial.configuration = {other!r} brings this channel"
     return {f"imu.{cluster}.{axis}": reason for cluster in CLUSTERS for axis in axes}
-
-
-def _without_effect(p: Parameters) -> dict[str, str]:
-    """Settings of the redundant IMU, where the other one is fitted."""
-    if p.inertial.configuration == "redundant":
-        return {}
-    why = "three axes do not check each other; parameter inertial.configuration = 'redundant' brings an IMU that does"
-    return {"imu_driving_test": why}

@@ -6,7 +6,8 @@ silent.
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -16,6 +17,7 @@ from ftcore.world.manoeuvres import Intensity
 from ftcore.world.trajectory import Segment
 
 PAPER = "paper"
+ALONE = "three axes do not check each other; parameter inertial.configuration = 'redundant' brings an IMU that does"
 
 EPOCH = 1.0
 """Seconds between epochs."""
@@ -53,6 +55,18 @@ class Flight(Form):
         default=(), max_length=200, description="what is flown instead of the phases, one after the other"
     )
 
+    @model_validator(mode="after")
+    def _all_of_it_is_flown(self) -> Flight:
+        banks = {"high": "high_bank", "low": "low_bank"}
+        if self.segments:
+            for name in self.differing(("phases", *banks.values())):
+                self.refuse((name,), f"{name} changes nothing here: segments are flown instead; leave one of them out")
+        flown = {phase.intensity for phase in self.phases}
+        for intensity, name in banks.items():
+            if intensity not in flown and self.differing((name,)):
+                self.refuse((name,), f"{name} changes nothing here: no phase has intensity {intensity!r}; add one")
+        return self
+
 
 class Inertial(Form):
     """Strapdown IMU: three gyros and three accelerometers along the body axes, or the redundant IMU of Kim 2005."""
@@ -74,6 +88,13 @@ class Inertial(Form):
     calibration: float = quantity(
         60.0, "s", "standstill before the flight that calibrates the redundant IMU's parity vector", 1.0, 3600.0
     )
+
+    @model_validator(mode="after")
+    def _all_of_it_is_fitted(self) -> Inertial:
+        if self.configuration == "three-axis":
+            for name in self.differing(("mounting", "calibration")):
+                self.refuse((name,), f"{name} changes nothing here: {ALONE}")
+        return self
 
 
 class Aiding(Form):
@@ -228,9 +249,29 @@ class Settings(Supervised):
 
     @model_validator(mode="after")
     def _doubt_comes_first(self) -> Settings:
-        if self.doubt_probability <= self.false_alarm_probability:
+        if self.driving_test != "none" and self.doubt_probability <= self.false_alarm_probability:
             raise ValueError(
                 f"doubt begins before rejection: its probability {self.doubt_probability:g} must be larger than the "
                 f"false-alarm probability {self.false_alarm_probability:g}"
             )
         return self
+
+    def without_effect(self, parameters: Any, settled: bool = True) -> Mapping[str, str]:
+        """See :meth:`ftcore.systems.base.Form.without_effect`."""
+        p: Parameters = parameters
+        idle: dict[str, str] = {}
+        plain = p.inertial.configuration == "three-axis"
+        if plain:
+            idle["imu_driving_test"] = ALONE
+        if self.master == "tolerant":
+            idle["fusion_mode"] = "there are no local filters to give back to; setting master = 'federated' has them"
+        else:
+            idle["exclusion"] = "the federated master always leaves out who is isolated; setting master = 'tolerant'"
+        if self.driving_test == "none":
+            why = "everybody is trusted; setting driving_test to one of the tests changes that"
+            idle |= dict.fromkeys(("doubt_probability", "recovery"), why)
+            if settled:
+                idle["exclusion"] = why
+                if plain or self.imu_driving_test == "none":
+                    idle |= dict.fromkeys(("confirm", "within", "hold_off"), why)
+        return idle

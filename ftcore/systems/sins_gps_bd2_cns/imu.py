@@ -7,6 +7,7 @@ are. The plain IMU has one.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +17,12 @@ from ftcore import units
 from ftcore.detection import supervisor
 from ftcore.detection.geometry import Cluster, three_two_dof
 from ftcore.readings import Group, Readings
+from ftcore.systems.base import LeftOut
 from ftcore.systems.sins_gps_bd2_cns.forms import EPOCH, Parameters, Settings
 from ftcore.systems.sins_gps_bd2_cns.inertial import BODY
 from ftcore.systems.sins_gps_doppler.forms import Settings as RedundantSettings
 from ftcore.systems.sins_gps_doppler.imu import ImuEpoch, ImuState, RedundantImu
+from ftcore.systems.two_axis import unpaired
 
 Array = NDArray[np.float64]
 GROUPS = ("imu.gyro", "imu.accelerometer")
@@ -41,12 +44,14 @@ class Epoch:
         omega_b, f_b: ``(runs, S, samples, 3)``.
         noise: ``(runs or 1, S, 2, 3, 3)`` body noise covariance density of gyros and accelerometers.
         redundant: its own report; None without one.
+        left_out: readings that are there but that it does not use, by group.
     """
 
     omega_b: Array
     f_b: Array
     noise: Array
     redundant: ImuEpoch | None
+    left_out: Mapping[str, LeftOut]
 
 
 def geometry(p: Parameters) -> Cluster:
@@ -103,7 +108,7 @@ class Imu:
         gyro, accelerometer = (readings[name] for name in GROUPS)
         if self._redundant is None:
             held, (omega_b, f_b) = self._plain(state.held, (gyro, accelerometer))
-            return State(held, None), Epoch(omega_b[:, None], f_b[:, None], self.noise, None)
+            return State(held, None), Epoch(omega_b[:, None], f_b[:, None], self.noise, None, {})
         assert state.redundant is not None
         after, found = self._redundant.step(
             state.redundant,
@@ -114,7 +119,8 @@ class Imu:
             ),
             rules,
         )
-        return State(state.held, after), Epoch(found.omega_b, found.f_b, found.noise, found)
+        left_out = unpaired(readings, GROUPS, len(BODY))
+        return State(state.held, after), Epoch(found.omega_b, found.f_b, found.noise, found, left_out)
 
     def _plain(self, held: Array, groups: tuple[Group, Group]) -> tuple[Array, list[Array]]:
         """Samples ``(runs, samples, 3)`` of gyros and accelerometers; an axis without readings holds the last."""

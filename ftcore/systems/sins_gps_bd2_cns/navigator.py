@@ -213,7 +213,7 @@ class Navigator:
         self._report(say, new, estimates, seen, plain, imu)
         if corrects:
             new = self._correct(new, seen.fused.x)
-        return new, output(say, _notices(seen, past, review, imu))
+        return new, output(say, _notices(seen, past, review, imu), left_out=imu.left_out)
 
     # ---- parts of an epoch ----------------------------------------------------------------------------------------
 

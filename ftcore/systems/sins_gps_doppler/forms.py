@@ -6,7 +6,8 @@ silent.
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Mapping
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -169,3 +170,14 @@ class Settings(Supervised):
                 f"false-alarm probability {self.false_alarm_probability:g}"
             )
         return self
+
+    def without_effect(self, parameters: Any, settled: bool = True) -> Mapping[str, str]:
+        """See :meth:`ftcore.systems.base.Form.without_effect`."""
+        idle: dict[str, str] = {}
+        if self.master != "tolerant":
+            idle["doubt_probability"] = "no aid counts in part; setting master = 'tolerant' weighs them by doubt"
+        if self.satellite_integrity == "off":
+            idle["wrong_isolation_probability"] = (
+                "no satellite is ever left out; setting satellite_integrity = 'snapshot' or 'innovation' leaves out"
+            )
+        return idle

@@ -52,6 +52,7 @@ from ftcore.systems.sins_gps_doppler.forms import EPOCH, Parameters, Settings
 from ftcore.systems.sins_gps_doppler.history import History
 from ftcore.systems.sins_gps_doppler.imu import ImuState, RedundantImu
 from ftcore.systems.sins_gps_doppler.satellites import SatelliteState
+from ftcore.systems.two_axis import unpaired
 
 Array = NDArray[np.float64]
 SUBJECTS = tuple(AIDS)
@@ -296,7 +297,7 @@ class Navigator:
             *notices.of_altimeter(judged),
             *notices.flown_again(past, culprits),
         )
-        return after, output(say, events)
+        return after, output(say, events, left_out=unpaired(readings, ("imu.gyro", "imu.accelerometer")))
 
 
 def _sharing(settings: Settings) -> Sharing:

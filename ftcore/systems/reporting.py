@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import BlockView, Health, ItemView, SystemDescription, View
-from ftcore.estimation import kalman
 from ftcore.parts.ledger import Layout, Ledger
 from ftcore.systems.base import HEALTH, Controls, LeftOut, Notice, Output
 
@@ -19,40 +18,6 @@ Array = NDArray[np.float64]
 
 LEVEL = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 """Body to level for level flight to the north: what is shown before the first epoch."""
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What really is, at the end of an epoch: arrays lead with 1, all runs fly the same path."""
-
-    lla: Array
-    v_n: Array
-    C_nb: Array
-    rpy: Array
-
-
-def navigation_columns(error: Array, P: Array) -> Array:
-    """Errors ``(runs, estimators, 9)`` [SI] and covariances ``(runs, estimators, 9, 9)`` as the signals that
-    :func:`ftcore.systems.declarations.navigation_signals` declares, ``(runs, estimators * 20)``."""
-    sigma = np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
-    horizontal = np.sqrt(error[..., 0:1] ** 2 + error[..., 1:2] ** 2)
-    nees = kalman.nees(error, P)[..., None]
-    return np.concatenate([error, sigma, horizontal, nees], axis=-1).reshape(len(error), -1)
-
-
-def columns_of_tests(output: Output) -> Array:
-    """Statistic, threshold, degrees of freedom and alarm of every test, ``(runs, tests * 4)``."""
-    columns = np.stack([output.statistic, output.threshold, output.dof, output.alarm], axis=-1)
-    return columns.reshape(len(columns), -1)
-
-
-def flight_columns(truth: Truth, runs: int) -> Array:
-    """Height [m], speed [m/s], roll, pitch and heading [rad] that are really flown, ``(runs, 5)``."""
-    flight = np.empty((runs, 5))
-    flight[:, 0] = truth.lla[0, 2]
-    flight[:, 1] = np.linalg.norm(truth.v_n[0])
-    flight[:, 2:] = truth.rpy
-    return flight
 
 
 def healths(subjects: Sequence[str], output: Output | None, controls: Controls) -> dict[str, Health]:

@@ -48,7 +48,7 @@ MARGIN = 2
 REST = 10
 """Epochs between two looks at a disagreement that goes on."""
 FIRST_WORD = 4
-"""Epochs of disagreement in which the driving test may say something first."""
+"""Epochs of disagreement in which the state form, which is late, may say something first."""
 P_UNEXPECTED = 1e-6
 """Tail probability of a reading of the star tracker that is reason to look back."""
 PAIR = [0, 1]
@@ -105,7 +105,7 @@ class Hindsight:
         if settings.driving_test == "none":
             return history, state, outcome, None
         rested = past.now - history.asked >= REST
-        doubtful = rested & (_fallen_out(state, outcome) | self._unexpected(epoch, outcome))
+        doubtful = rested & (_fallen_out(state, outcome, settings) | self._unexpected(epoch, outcome))
         slipped = _slipped(past, outcome, settings)
         asked = isolated.any(axis=-1) | doubtful
         if not (asked.any() or slipped.any()):
@@ -240,10 +240,11 @@ def _chosen(where: Flags, a: supervisor.State, b: supervisor.State) -> superviso
     )
 
 
-def _fallen_out(state: Protected, outcome: Outcome) -> Flags:
-    """``(runs,)`` where GPS and BD2 contradict each other for some epochs and neither is isolated."""
+def _fallen_out(state: Protected, outcome: Outcome, settings: Settings) -> Flags:
+    """``(runs,)`` where GPS and BD2 contradict each other and neither is isolated."""
     watch = state.main.watch
-    apart = (recovery.fallen_out(watch) & recovery.fallen_out(watch, FIRST_WORD)).any(axis=-1)
+    ago = FIRST_WORD if settings.driving_test == "two-propagator-state" else 0
+    apart = (recovery.fallen_out(watch) & recovery.fallen_out(watch, ago)).any(axis=-1)
     return np.asarray(apart & ~outcome.decision.isolated[:, PAIR].any(axis=-1))
 
 

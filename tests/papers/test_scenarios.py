@@ -97,9 +97,9 @@ def test_given_a_slow_drift_then_the_fused_position_suffers_less_than_half_of_wh
     assert position_rms(sim, "fused", 90.0, 100.0) < 0.5 * position_rms(sim, "unprotected", 90.0, 100.0)
 
 
-def test_given_a_slow_drift_then_the_tolerant_master_on_the_two_propagator_test_suffers_no_more_than_the_federated_one():
-    """It takes Doppler in part as soon as there is doubt, and judges it by a reference that the drift cannot reach. That
-    made it better by a sixth while a filter kept what it had taken in; now both go back to before the onset."""
+def test_given_a_slow_drift_then_the_tolerant_master_on_the_two_propagator_test_suffers_no_more():
+    """It takes Doppler in part as soon as there is doubt, and judges it by a reference that the drift cannot reach.
+    That made it better by a sixth while filters kept what they had taken in; now both go back to before the onset."""
     paper, ours = flown(DRIFT, master="tolerant", driving_test="two-propagator"), flown(DRIFT)
     tolerant, federated = (position_rms(sim, "fused", 90.0, 100.0) for sim in (paper, ours))
     print(f"fused position in the last 10 s of the outage: tolerant {tolerant:.1f} m, federated {federated:.1f} m")

@@ -116,14 +116,14 @@ class Twin:
 
     def __init__(self, start: Simulation) -> None:
         self.start = start
-        self._flight = start.fork()
+        self.flight = start.fork()
         self._rows: list[np.ndarray] = []
 
     def row(self, k: int) -> np.ndarray:
         """The ``k``-th row from the start."""
         while len(self._rows) <= k:
-            self._flight.step()
-            self._rows.append(np.array(list(self._flight.latest().values())))
+            self.flight.step()
+            self._rows.append(np.array(list(self.flight.latest().values())))
         return self._rows[k]
 
     def differs(self, other: Simulation) -> bool:
@@ -135,7 +135,7 @@ class Twin:
             other.step()
             if not np.array_equal(np.array(list(other.latest().values())), self.row(k), equal_nan=True):
                 return True
-        return said(other, before) != said(self._flight, before)
+        return said(other, before) != said(self.flight, before)
 
 
 def others(schema: Mapping[str, Any], now: Any) -> list[Any]:
@@ -364,11 +364,14 @@ FLIGHTS: Mapping[str, tuple[str, dict[str, Any]]] = {
     "B log": ("log", {}),
     "C": (
         "yang-2016-scenario-1",
-        {"flight": {"phases": [{"intensity": "high", "duration": 30.0}, {"intensity": "low", "duration": 100.0}]}},
+        {"flight": {"speed": 60.0, "phases": [{"intensity": "high", "duration": 40.0}]}},
     ),
     "C redundant": (
         "yang-2016-scenario-1",
-        {"inertial": {"configuration": "redundant"}, "flight": {"phases": [{"intensity": "low", "duration": 100.0}]}},
+        {
+            "inertial": {"configuration": "redundant"},
+            "flight": {"speed": 60.0, "phases": [{"intensity": "low", "duration": 110.0}]},
+        },
     ),
     "C segments": ("yang-2016-scenario-1", {"flight": {"segments": [{"kind": "straight", "duration": 9.0}]}}),
     "D": ("kim-2005", {"flight": {"legs": [{"duration": 0.5, "climb_rate": 60.0}]}}),
@@ -407,6 +410,8 @@ def changed(path: tuple[str, ...], schema: Mapping[str, Any], now: Any) -> list[
         return [[now[0] + 3.0, *now[1:]]] if now else [[-3026000.0, 4068000.0, 3857000.0]]
     if "enum" in schema:
         return [value for value in schema["enum"] if value != now]
+    if path[-1] == "mask":
+        return [30.0]  # a little more leaves the same satellites
     low, high = schema["minimum"], schema["maximum"]
     return [next(v for v in (now * 1.3, now / 1.3, 0.01 * high) if low <= v <= high and v != now)]
 
@@ -443,7 +448,8 @@ def idle_parameters(name: str, folder: str) -> tuple[list[str], list[str]]:
                     raise
                 refused.append(label)
                 continue
-            if other.view() == twin.start.view() and not twin.differs(other):
+            # Where the satellites stand shows in the scene alone, as positions are the sensors' own.
+            if not twin.differs(other) and other.view() == twin.flight.view():
                 idle.append(label)
     return refused, idle
 

@@ -21,7 +21,7 @@ from ftcore.systems.sins_gps_doppler import (
 )
 from ftcore.systems.sins_gps_doppler.forms import EPOCH, Parameters, Settings
 
-PARTS = (estimators, aid_tests, satellites, altimeter, inertial, aids, masters, diagram)
+PARTS = (estimators, aid_tests, inertial, aids, satellites, altimeter, masters, diagram)
 DECLARED = sum((part.DECLARED for part in PARTS), Declared())
 LAYOUT = Layout(DECLARED)
 

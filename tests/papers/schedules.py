@@ -29,6 +29,7 @@ import numpy as np
 from ftcore import Fault, Scenario, Simulation
 from ftcore.description import Channel
 from ftcore.systems.registry import SYSTEMS
+from tests.settings import that_matter
 
 SIGMAS = 4.0
 WINDOW = 10.0
@@ -107,7 +108,7 @@ def draw(system: str, number: int) -> Scenario:
             "seed": number,
             "duration": math.ceil(max(f.end or 0.0 for f in faults) + AFTER),
             "parameters": parameters,
-            "settings": settings,
+            "settings": that_matter(system, parameters, settings),
             "faults": [f.model_dump(exclude_none=True) for f in faults],
         }
     )

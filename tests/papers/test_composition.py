@@ -20,6 +20,7 @@ import pytest
 from scipy.stats import chi2
 
 from ftcore import Fault, Scenario, Simulation
+from tests.settings import that_matter
 
 Choices = Mapping[str, tuple[str, ...]]
 Combination = dict[str, str]
@@ -235,6 +236,8 @@ def fly_star_system(combination: Combination) -> Simulation:
     faults = [Fault(channel="gps.position.all", kind="bias", magnitude=60.0, start=60.0, end=90.0)]
     if combination["configuration"] == "redundant":
         faults.append(Fault(channel="imu.accelerometer.3y", kind="bias", magnitude=20.0, unit="mg", start=30.0))
+    parameters = {"inertial": {"configuration": combination["configuration"]}}
+    settings = {k: v for k, v in combination.items() if k != "configuration"}
     scenario = Scenario.model_validate(
         {
             "id": "composition",
@@ -242,8 +245,8 @@ def fly_star_system(combination: Combination) -> Simulation:
             "system": "sins-gps-bd2-cns",
             "seed": SEED,
             "duration": STAR_SECONDS,
-            "parameters": {"inertial": {"configuration": combination["configuration"]}},
-            "settings": {k: v for k, v in combination.items() if k != "configuration"},
+            "parameters": parameters,
+            "settings": that_matter("sins-gps-bd2-cns", parameters, settings),
         }
     ).model_copy(update={"faults": tuple(faults)})
     return Simulation(scenario, runs=RUNS).advance()

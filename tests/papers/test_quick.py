@@ -49,3 +49,15 @@ def test_given_12_m_on_gps_under_high_manoeuvre_then_the_imm_alarms_within_two_s
 def test_given_a_slow_drift_of_doppler_without_gps_then_it_is_isolated_before_gps_is_back() -> None:
     sim = Simulation(Scenario.load("doppler-drift-gps-outage"), runs=RUNS).advance(until=100.0)
     assert len(runs_with(sim, "subsystem.isolated", "doppler", 60.0, 100.0)) >= MOST
+
+
+def test_given_a_gyro_drifts_under_the_star_system_then_its_parity_test_names_it_and_no_aid_is_blamed():
+    """The ready scenario, and the same without a test of the IMU: then the aids pay for the gyro."""
+    accused = {}
+    for test in ("parity", "none"):
+        sim = Simulation(Scenario.load("yang-2016-redundant-imu"))
+        sim.configure(imu_driving_test=test)
+        sim.advance(until=110.0)
+        accused[test] = {e.subject for e in sim.events if e.kind == "subsystem.isolated"}
+    assert accused["parity"] == {"imu.gyro.1"}
+    assert accused["none"] >= {"cns", "gps"}

@@ -224,12 +224,12 @@ class Hindsight:
 def _ruled(state: supervisor.State, isolated: Flags, named: Flags, slipped: Flags) -> NDArray[np.int8]:
     """What becomes of the aids ``(runs, 3)``: who was named is out, who was accused instead is a suspect; -1: neither.
 
-    One that had slipped in is what it is, out or back again.
+    One that had slipped in is what it is, out or back again. Who is named where nobody was isolated yet is out too: its
+    past was taken away for it, and its next readings are no better.
     """
-    convicted = named & isolated.any(axis=-1, keepdims=True)
     ruled = np.where(slipped, state.health, np.int8(-1))
-    ruled = np.where(isolated & ~convicted, np.int8(supervisor.SUSPECT), ruled)
-    return np.where(convicted, np.int8(supervisor.ISOLATED), ruled)
+    ruled = np.where(isolated & ~named, np.int8(supervisor.SUSPECT), ruled)
+    return np.where(named, np.int8(supervisor.ISOLATED), ruled)
 
 
 def _chosen(where: Flags, a: supervisor.State, b: supervisor.State) -> supervisor.State:

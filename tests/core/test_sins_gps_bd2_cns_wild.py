@@ -6,7 +6,7 @@ import pytest
 from ftcore import Fault, Scenario, Simulation
 from ftcore.estimation import kalman
 
-UNTESTED = {"driving_test": "none", "recovery": "none"}
+UNTESTED = {"driving_test": "none"}
 FEDERATED = {"master": "federated", "fusion_mode": "no-reset"}
 
 

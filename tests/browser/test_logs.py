@@ -82,6 +82,7 @@ def test_a_log_is_opened_run_and_broken(lab: Lab, folder: Path, made: Files) -> 
     assert lab.experiment()["faults"][0]["state"] == "active"
 
 
+@pytest.mark.long
 def test_it_runs_by_the_clock_at_a_speed_that_fits(lab: Lab, folder: Path) -> None:
     dialog = opened(lab)
     dialog.get_by_label("Observation file").set_input_files(folder / "roof.26o")

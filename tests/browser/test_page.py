@@ -113,7 +113,7 @@ def test_fault_events_are_said_aloud(lab: Lab) -> None:
     assert lab.page.locator("#announcer").get_attribute("aria-live") == "polite"
 
 
-@pytest.mark.parametrize("size", [(1024, 720), (1280, 720)])
+@pytest.mark.parametrize("size", [(1024, 720), pytest.param((1280, 720), marks=pytest.mark.long)])
 def test_small_screens_do_not_scroll_sideways(lab: Lab, size: tuple[int, int]) -> None:
     lab.page.set_viewport_size({"width": size[0], "height": size[1]})
     lab.fly_until(60.0)

@@ -80,6 +80,7 @@ def test_a_new_experiment_has_them_and_the_old_one_stays(gyros: Lab) -> None:
     assert kept["parameters"] == {}
 
 
+@pytest.mark.long
 def test_every_system_has_its_form(lab: Lab) -> None:
     lab.without_scene()
     scenarios = lab.rest("GET", "/scenarios")

@@ -53,6 +53,7 @@ def test_the_sky_shows_who_is_in_view_and_who_is_out(receiver: Lab) -> None:
         assert float(elevation) == pytest.approx(latest[f"elevation.{name}"] * 57.29578, abs=0.06)
 
 
+@pytest.mark.long
 def test_charts_of_a_moment_follow_the_cursor(receiver: Lab) -> None:
     sky, stanford = moment(receiver, "Sky"), moment(receiver, "Stanford")
     expect(stanford.locator(".plot")).to_contain_text("70")
@@ -79,6 +80,7 @@ def test_the_stanford_diagram_counts_every_epoch_once(receiver: Lab) -> None:
     assert sum(counts) == 70
 
 
+@pytest.mark.long
 def test_residual_bars_are_the_residuals_of_the_epoch(receiver: Lab) -> None:
     latest = receiver.rest("POST", f"/experiments/{receiver.id}/advance", {"until": 70.0})["latest"]
     bars = moment(receiver, "Residuals")
@@ -90,7 +92,7 @@ def test_residual_bars_are_the_residuals_of_the_epoch(receiver: Lab) -> None:
         assert float(value.replace("−", "-")) == pytest.approx(latest[f"residual.snapshot.{name}"], rel=1e-3)
 
 
-@pytest.mark.parametrize("title", ["Sky", "Residuals"])
+@pytest.mark.parametrize("title", ["Sky", pytest.param("Residuals", marks=pytest.mark.long)])
 def test_a_click_on_a_satellite_chooses_its_channel(receiver: Lab, title: str) -> None:
     moment(receiver, title).locator(".target[title^=C3]").click()
     channel = receiver.page.locator("ft-bench select[name=channel]")

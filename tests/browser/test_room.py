@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
 from .lab import Lab
@@ -93,6 +94,7 @@ def test_what_was_asked_of_an_experiment_is_answered_before_it_is_deleted(plain:
     assert plain.evaluate(ANSWERED) == ["one more", "answered"]
 
 
+@pytest.mark.long
 def test_a_full_server_is_a_list_to_choose_from(lab: Lab) -> None:
     lab.refusals_expected = True
     lab.fly_until(5.0)

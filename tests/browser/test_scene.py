@@ -40,6 +40,7 @@ def test_the_scene_follows_the_theme(lab: Lab) -> None:
     expect(frame).to_have_attribute("src", f"/experiments/{lab.id}/scene/")
 
 
+@pytest.mark.long
 def test_a_scene_that_cannot_be_had_is_explained(lab: Lab) -> None:
     lab.refusals_expected = True
     lab.page.route("**/scene/**", lambda route: route.fulfill(status=503, content_type="application/json", body="{}"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import BrowserContext, expect
 
 from .lab import Lab
@@ -148,6 +149,7 @@ def test_the_log_is_filtered_and_leads_to_the_moment(lab: Lab) -> None:
     expect(lab.page.locator("ft-timeline .past")).to_be_visible()
 
 
+@pytest.mark.long
 def test_a_run_can_be_taken_away(lab: Lab, tmp_path: Path) -> None:
     lab.fly_until(20.0)
     for item, ending, opening in (

@@ -220,7 +220,7 @@ def fly_schedule(schedule):
     return sim
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(schedules())
 def test_given_any_schedule_then_nothing_crashes_nothing_is_nan_and_the_bits_repeat(schedule):
     sim = fly_schedule(schedule)

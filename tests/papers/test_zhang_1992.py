@@ -30,7 +30,7 @@ def growth(scenario: str, estimator: str) -> float:
 # ---- Figures 2 to 5: what the failures cost
 
 
-@pytest.mark.parametrize("scenario", [VISIBLE, PRINTED])
+@pytest.mark.parametrize("scenario", [VISIBLE, pytest.param(PRINTED, marks=pytest.mark.long)])
 @pytest.mark.parametrize("estimator", ["gps", "unprotected"])
 def test_given_a_wrong_pseudorange_then_the_altitude_of_whoever_believes_it_is_1_5_times_as_wrong(scenario, estimator):
     """RMS over 100 runs, 70 to 80 s by 40 to 50 s. False failure: none to speak of; the bias is four sigma by then."""

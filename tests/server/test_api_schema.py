@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from fastapi.testclient import TestClient
 from rest_lab import API, client_of, served
 
@@ -50,13 +51,16 @@ def test_a_guarded_server_says_that_it_wants_the_token() -> None:
             assert ("security" in operation) == wants
 
 
-def test_schemathesis_finds_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "phases", ["coverage,fuzzing", pytest.param("coverage,fuzzing,stateful", marks=pytest.mark.long)]
+)
+def test_schemathesis_finds_nothing(tmp_path: Path, phases: str) -> None:
     settings = Settings(max_advance_epochs=20, max_experiments=12)
     with served(settings) as server:
         result = subprocess.run(
             [
                 str(Path(sys.executable).with_name("schemathesis")), "run", f"{server.base}{API}/openapi.json",
-                "--checks", "all", "--phases", "coverage,fuzzing,stateful", "--max-examples", "2",
+                "--checks", "all", "--phases", phases, "--max-examples", "2",
                 "--seed", "7", "--workers", "1", "--suppress-health-check", "all", "--generation-database", "none",
                 "--no-color",
             ],

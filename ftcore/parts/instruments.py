@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore.description import Chart, Test, Trace
+from ftcore.detection.geometry import Cluster
 from ftcore.detection.parity import Isolation, Sight
 from ftcore.parts.charts import chart_of_test
 from ftcore.parts.declared import Declared, Signals
@@ -18,6 +19,8 @@ Array = NDArray[np.float64]
 
 CLUSTERS: Final = {"gyro": ("deg/h", 20.0), "accelerometer": ("mg", 1.0)}
 """Instruments of one kind -> the unit in which a person reads them, and a fault worth trying first."""
+LENGTH: Final = {"gyro": 1.0, "accelerometer": 0.65}
+"""Of an axis in the scene."""
 AXES: Final = ("1x", "1y", "2x", "2y", "3x", "3y")
 PARITY_TESTS: Final = {"parity": ("parity test", "Kim 2005 (29)-(32)"), "glt": ("GLT", "Zhang 1992 [12]")}
 
@@ -97,3 +100,14 @@ def report(say: Ledger, sight: Sight, found: Mapping[str, Isolation], p: Array) 
         tell(test, "imu.{cluster}.{instrument}", each.statistic, each.threshold, each.dof, each.alarm, (*shape, 3))
     for c, cluster in enumerate(CLUSTERS):
         say[f"parity.{cluster}.{{component}}"] = p[:, c]
+
+
+def spins_and_planes(cluster: Cluster) -> dict[str, Array]:
+    """Scene items of three 2-DOF instruments.
+
+    ``spin.<k>`` is across the two axes of each; ``plane.<k>`` is the normal of its fault plane in parity space.
+    """
+    axes, columns = cluster.H.reshape(3, 2, 3), cluster.V.T.reshape(3, 2, 3)
+    spins, normals = np.cross(axes[:, 0], axes[:, 1]), np.cross(columns[:, 0], columns[:, 1])
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    return {f"spin.{k + 1}": 0.8 * spins[k] for k in range(3)} | {f"plane.{k + 1}": normals[k] for k in range(3)}

@@ -116,3 +116,10 @@ def error_chart(quantity: str, axis: str, title: str, unit: str, *estimators: tu
             for i, (name, label, role) in enumerate(estimators)
         ),
     )
+
+
+def drift_chart(estimator: str, title: str, group: str) -> Chart:
+    """Position error of one estimator that never learns its position, which would flatten the others."""
+    axes = ("east", "north", "up")
+    traces = tuple(Trace(signal=f"{estimator}.error.position.{axis}", label=axis) for axis in axes)
+    return Chart(id=f"position-{estimator}", title=title, unit="m", group=group, traces=traces)

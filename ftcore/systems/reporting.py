@@ -179,3 +179,11 @@ def supervisor_block(now: Now, trusted: str) -> BlockView:
     if suspects:
         return BlockView(health="suspect", text="suspects " + ", ".join(suspects))
     return BlockView(health="ok", text=trusted)
+
+
+def instruments_block(now: Now, cluster: str) -> BlockView:
+    """The block of three 2-DOF gyros or accelerometers: how many of their six axes are used."""
+    lost = [k for k in (1, 2, 3) if now.health[f"imu.{cluster}.{k}"] != "ok"]
+    view = sensor_block(now, f"imu.{cluster}", f"{6 - 2 * len(lost)} of 6 axes")
+    worst: Health = "isolated" if lost and view.health == "ok" else view.health
+    return BlockView(health=worst, text=view.text)

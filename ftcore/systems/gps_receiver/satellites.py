@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ftcore import earth
-from ftcore.description import Block, BlockView, Channel, Chart, SceneItem, Subsystem, Trace
+from ftcore.description import Block, BlockView, Channel, Chart, Subsystem, Trace
 from ftcore.estimation import atmosphere, least_squares
 from ftcore.faults import ALL_KINDS
 from ftcore.parts.declared import Declared, Signals, channels_of
 from ftcore.parts.ledger import Ledger
+from ftcore.parts.satellites import LINES_OF_SIGHT
 from ftcore.readings import Readings
 from ftcore.systems.base import Flags
 from ftcore.systems.gps_receiver.forms import Parameters
@@ -88,17 +89,7 @@ DECLARED: Final = Declared(
             subsystem="gps",
         ),
     ),
-    scene=(
-        SceneItem(
-            id="satellite.{satellite}",
-            label="{satellite}",
-            kind="line-of-sight",
-            frame="level",
-            family="satellites",
-            channel="gps.pseudorange.{satellite}",
-            subject="gps.{satellite}",
-        ),
-    ),
+    scene=(LINES_OF_SIGHT,),
 )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from ftcore.detection import ambiguity, geometry, parity
 from ftcore.detection.geometry import Cluster
 from ftcore.faults import ALL_KINDS
 from ftcore.parts.declared import Declared, Signals
+from ftcore.parts.instruments import spins_and_planes
 from ftcore.parts.ledger import Ledger
 from ftcore.systems.redundant_imu.aircraft import AIRCRAFT, HEALTHY
 from ftcore.systems.reporting import Now
@@ -112,15 +113,11 @@ class Geometry:
         self._gnc, self._fdi = float(geometry.gnc_index(cluster.H)), float(geometry.fdi_index(cluster.H))
         self._expected = parity.uncalibrated(cluster, noise, 0.0)
         self._shares: dict[float, float] = {}
-        pairs, columns = cluster.H.reshape(INSTRUMENTS, 2, 3), cluster.V.T.reshape(INSTRUMENTS, 2, 3)
-        spins, normals = np.cross(pairs[:, 0], pairs[:, 1]), np.cross(columns[:, 0], columns[:, 1])
-        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
         lines = {found.instruments: found.line for found in geometry.singular_faults(cluster)}
         nowhere = np.full(3, np.nan)
         self.vectors: dict[str, Array] = {
             **{f"axis.{axis}": cluster.H[i] for i, axis in enumerate(AXES)},
-            **{f"spin.{k + 1}": 0.8 * spins[k] for k in range(INSTRUMENTS)},
-            **{f"plane.{k + 1}": normals[k] for k in range(INSTRUMENTS)},
+            **spins_and_planes(cluster),
             "singular.{pair}": np.array([0.7 * lines.get((int(a) - 1, int(b) - 1), nowhere) for a, b in PAIRS]),
             # The parity vector is drawn in units of its threshold: detection is leaving this ball.
             "threshold": np.array([0.0, 0.0, 1.0]),

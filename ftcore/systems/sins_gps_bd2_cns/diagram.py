@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from ftcore.description import Block, BlockView, Health, Wire
+from ftcore.description import Block, BlockView, Wire
 from ftcore.parts.declared import Declared
 from ftcore.parts.instruments import CLUSTERS
-from ftcore.systems.reporting import Now, sensor_block, supervisor_block
+from ftcore.systems.reporting import Now, instruments_block, sensor_block, supervisor_block
 from ftcore.systems.sins_gps_bd2_cns.aids import AIDS
 from ftcore.systems.sins_gps_bd2_cns.weights import LABELS
 
@@ -101,10 +101,7 @@ def blocks(now: Now, redundant: bool) -> dict[str, BlockView]:
 def _instruments(now: Now, cluster: str, redundant: bool) -> BlockView:
     if not redundant:
         return sensor_block(now, f"imu.{cluster}", "3 axes")
-    lost = [k for k in (1, 2, 3) if now.health[f"imu.{cluster}.{k}"] != "ok"]
-    view = sensor_block(now, f"imu.{cluster}", f"{6 - 2 * len(lost)} of 6 axes")
-    worst: Health = "isolated" if lost and view.health == "ok" else view.health
-    return BlockView(health=worst, text=view.text)
+    return instruments_block(now, cluster)
 
 
 def _local(now: Now, i: int, name: str) -> BlockView:

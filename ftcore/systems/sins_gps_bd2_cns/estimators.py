@@ -7,7 +7,7 @@ from typing import Any, Final
 from ftcore.description import Chart, Trace
 from ftcore.parts import navigation
 from ftcore.parts.declared import Declared
-from ftcore.parts.navigation import error_chart, nees_chart
+from ftcore.parts.navigation import drift_chart, error_chart, nees_chart
 from ftcore.systems.sins_gps_bd2_cns.aids import AIDS
 
 ESTIMATORS: Final = {
@@ -80,13 +80,7 @@ DECLARED: Final = navigation.declared(ESTIMATORS, ROLES, "arcsec") + Declared(
         _alone("position", "north", "North position"),
         _alone("position", "up", "Altitude"),
         _alone("attitude", "up", "Azimuth"),
-        Chart(
-            id="position-cns",
-            title="Position error of SINS/CNS alone",
-            unit="m",
-            group="one aid alone",
-            traces=tuple(Trace(signal=f"cns.error.position.{axis}", label=axis) for axis in ("east", "north", "up")),
-        ),
+        drift_chart("cns", "Position error of SINS/CNS alone", "one aid alone"),
         nees_chart(
             *(
                 Trace(signal=f"{name}.nees", label=ESTIMATORS[name], role=ROLES[name])

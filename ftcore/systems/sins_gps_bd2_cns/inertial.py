@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 BODY: Final = ("x", "y", "z")
 AXES: Final = (*BODY, *PAIRS)
 """Columns of the inertial groups: the plain IMU's axes, then the redundant IMU's. One of the two is fitted."""
-LENGTH: Final = {"gyro": 1.0, "accelerometer": 0.65}
-"""Of an axis in the scene."""
 
 
 def _channel(cluster: str, part: str, label: str, sensor: str, parts: tuple[int, ...]) -> Channel:
@@ -73,7 +71,7 @@ def vectors(axes: Array) -> dict[str, Array]:
     """Scene items of the IMU that is fitted, whose input axes are ``axes (k, 3)``."""
     names = PAIRS if len(axes) == len(PAIRS) else BODY
     return {
-        f"axis.{cluster}.{name}": LENGTH[cluster] * axis
+        f"axis.{cluster}.{name}": instruments.LENGTH[cluster] * axis
         for cluster in CLUSTERS
         for name, axis in zip(names, axes, strict=True)
     }

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from ftcore.description import Block, BlockView, Health, Wire
+from ftcore.description import Block, BlockView, Wire
 from ftcore.parts.declared import Declared
 from ftcore.parts.instruments import CLUSTERS
-from ftcore.systems.reporting import Now, sensor_block, supervisor_block
+from ftcore.systems.reporting import Now, instruments_block, sensor_block, supervisor_block
 from ftcore.systems.sins_gps_doppler.aid_tests import TESTS
 from ftcore.systems.sins_gps_doppler.aids import AIDS
 
@@ -98,7 +98,7 @@ def blocks(now: Now) -> dict[str, BlockView]:
         "gps": sensor_block(now, "gps", satellites),
         "altimeter": sensor_block(now, "altimeter", "1 reading"),
         "doppler": sensor_block(now, "doppler", "3 axes"),
-        **{cluster: _instruments(now, cluster) for cluster in CLUSTERS},
+        **{cluster: instruments_block(now, cluster) for cluster in CLUSTERS},
         "imu-fdi": BlockView(
             health="suspect" if named or unclear else "ok",
             text=" ".join(f"{n}: cannot isolate" for n in unclear[:1])
@@ -115,13 +115,6 @@ def blocks(now: Now) -> dict[str, BlockView]:
         "supervisor": supervisor_block(now, "all trusted"),
         "master": BlockView(health="ok" if used else "suspect", text=f"{len(used)} of {len(AIDS)} filters used"),
     }
-
-
-def _instruments(now: Now, cluster: str) -> BlockView:
-    lost = [k for k in (1, 2, 3) if now.health[f"imu.{cluster}.{k}"] != "ok"]
-    view = sensor_block(now, f"imu.{cluster}", f"{6 - 2 * len(lost)} of 6 axes")
-    worst: Health = "isolated" if lost and view.health == "ok" else view.health
-    return BlockView(health=worst, text=view.text)
 
 
 def _taken(now: Now, subject: str, words: tuple[str, str]) -> BlockView:

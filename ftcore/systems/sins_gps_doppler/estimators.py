@@ -7,7 +7,7 @@ from typing import Any, Final
 from ftcore.description import Chart, Trace
 from ftcore.parts import navigation
 from ftcore.parts.declared import Declared
-from ftcore.parts.navigation import error_chart, nees_chart
+from ftcore.parts.navigation import drift_chart, error_chart, nees_chart
 
 ESTIMATORS: Final = {
     "fused": "fault-tolerant",
@@ -39,15 +39,7 @@ DECLARED: Final = navigation.declared(ESTIMATORS, ROLES, "mrad") + Declared(
         _chart("attitude", "east", "East tilt error"),
         _chart("attitude", "north", "North tilt error"),
         _chart("attitude", "up", "Azimuth error"),
-        Chart(
-            id="position-doppler",
-            title="Position error of SINS/Doppler alone",
-            unit="m",
-            group="errors",
-            traces=tuple(
-                Trace(signal=f"doppler.error.position.{axis}", label=axis) for axis in ("east", "north", "up")
-            ),
-        ),
+        drift_chart("doppler", "Position error of SINS/Doppler alone", "errors"),
         nees_chart(Trace(signal="{estimator}.nees", label="{estimator}")),
     ),
 )

@@ -20,8 +20,6 @@ from ftcore.systems.sins_gps_doppler.imu import ImuEpoch
 
 Array = NDArray[np.float64]
 
-LENGTH: Final = {"gyro": 1.0, "accelerometer": 0.65}
-"""Of an axis in the scene."""
 
 DECLARED: Final = instruments.declared() + Declared(
     channels=tuple(
@@ -104,14 +102,12 @@ def report(say: Ledger, imu: ImuEpoch) -> None:
 
 def vectors(cluster: Cluster) -> dict[str, Array]:
     """Scene items that never change: axes, spins, fault planes."""
-    pairs, columns = cluster.H.reshape(3, 2, 3), cluster.V.T.reshape(3, 2, 3)
-    spins, normals = np.cross(pairs[:, 0], pairs[:, 1]), np.cross(columns[:, 0], columns[:, 1])
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    return {
-        **{f"axis.{name}.{axis}": LENGTH[name] * cluster.H[i] for name in CLUSTERS for i, axis in enumerate(AXES)},
-        **{f"spin.{k + 1}": 0.8 * spins[k] for k in range(3)},
-        **{f"plane.{k + 1}": normals[k] for k in range(3)},
+    axes = {
+        f"axis.{name}.{axis}": instruments.LENGTH[name] * cluster.H[i]
+        for name in CLUSTERS
+        for i, axis in enumerate(AXES)
     }
+    return axes | instruments.spins_and_planes(cluster)
 
 
 def items(now: Now) -> dict[str, Health]:

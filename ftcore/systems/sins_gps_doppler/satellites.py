@@ -33,7 +33,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ftcore.description import Health, SceneItem, Test
+from ftcore.description import Health, Test
 from ftcore.detection import chi_square, raim, supervisor
 from ftcore.detection.raim import CANNOT_DETECT, CANNOT_ISOLATE, CONSISTENT, EXCLUDED, Consistency, Isolation
 from ftcore.estimation import kalman
@@ -41,6 +41,7 @@ from ftcore.estimation.ins_error import CLOCK_FREQUENCY, CLOCK_PHASE
 from ftcore.parts.charts import chart_of_test
 from ftcore.parts.declared import Declared, Signals
 from ftcore.parts.ledger import Ledger
+from ftcore.parts.satellites import LINES_OF_SIGHT
 from ftcore.systems.base import Flags, Notice
 from ftcore.systems.reporting import Now
 from ftcore.systems.sins_gps_doppler.aids import SLOTS, Aid
@@ -66,17 +67,7 @@ DECLARED: Final = Declared(
         ),
     ),
     charts=(chart_of_test("integrity-gps", "Satellite integrity test, SINS/GPS", "test.integrity.gps"),),
-    scene=(
-        SceneItem(
-            id="satellite.{satellite}",
-            label="{satellite}",
-            kind="line-of-sight",
-            frame="level",
-            family="satellites",
-            channel="gps.pseudorange.{satellite}",
-            subject="gps.{satellite}",
-        ),
-    ),
+    scene=(LINES_OF_SIGHT,),
 )
 LINE: Final = 1.5
 """Length of a line of sight in the scene."""
